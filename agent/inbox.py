@@ -1,4 +1,6 @@
-"""Pass each received message to the part that uses it; count those that are refused, and why.
+"""Pass each received message to the parts that use it; count those that are refused, and why.
+
+The handler of a message that only one part uses is in that part's `handlers`; the others are here.
 
 A process that was frozen (SIGSTOP, a suspended machine, no CPU for long) then reads the messages that waited
 in its sockets, with the arrival time of now. So messages that arrive within `DRAIN_TIME` of waking are
@@ -22,23 +24,12 @@ from formation.agent.safety.scanner import Scanner
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.election import Voter
-from formation.protocol.order import LEADER_TIMEOUT_SECONDS, MAX_REASON_CHARS, Ballot, PositionAttachment
-from formation.ros2.messages import (
-    Displacement,
-    LaserScan,
-    MapPose,
-    Odometry,
-    Pose,
-    Text,
-    Transforms,
-    decode,
-)
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, MAX_REASON_CHARS, PositionAttachment
+from formation.ros2.messages import LaserScan, Odometry, Pose, decode
 from formation.slots.geofence import Geofence
-from formation.topics import AMCL_POSE, BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN, TF
-from formation.wire import BadMessage, Now, Sample
+from formation.topics import ODOM, POSE, POSITION, SCAN
+from formation.wire import BadMessage, Handler, Now, Sample
 
-Handler = Callable[[Sample, Now], float | None]
 MAX_PAUSE = LEADER_TIMEOUT_SECONDS
 """Longest time between two steps of a process that was not frozen [s]; each makes at least two a second."""
 DRAIN_TIME = 0.25
@@ -109,18 +100,12 @@ class Inbox:
         }
         for name, neighbour in neighbours.each.items():
             self._handlers[POSITION.key(name)] = partial(self._take_position, neighbour, orders, answers)
-            if self._spec.measurement == "local":
-                self._handlers[RELATIVE.key(robot, name)] = partial(_take_displacement, neighbour)
         for name, other in avoiding.others.items():
             self._handlers[POSITION.key(name)] = partial(_take_avoided, other, answers)
         if avoiding.scanner is not None:
             self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner, perception)
-        if here.map_frame is not None:
-            self._handlers[AMCL_POSE.key(robot)] = partial(_take_map_pose, here)
-            self._handlers[TF.key(robot)] = partial(_take_transforms, here)
-        if mission.standbys:
-            for name in mission.candidates:
-                self._handlers[BALLOT.key(name)] = partial(_take_ballot, name, orders.voter)
+        for part in (neighbours, here, orders):
+            self._handlers |= part.handlers
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -217,25 +202,8 @@ def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) 
     other.state.searching = attachment.searching
 
 
-def _take_map_pose(here: Localisation, sample: Sample, _now: Now) -> None:
-    here.take_map_pose(decode(MapPose, sample.payload))
-
-
-def _take_transforms(here: Localisation, sample: Sample, _now: Now) -> None:
-    here.take_transforms(decode(Transforms, sample.payload))
-
-
-def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:
-    neighbour.take_displacement(decode(Displacement, sample.payload), sample.arrived, now)
-
-
 def _take_scan(scanner: Scanner, perception: Perception | None, sample: Sample, now: Now) -> None:
     scan = scanner.corrected(decode(LaserScan, sample.payload))
     scanner.process_scan(scan, sample.arrived, now)
     if perception is not None:
         perception.take_scan(scan, scanner)
-
-
-def _take_ballot(candidate: str, voter: Voter, sample: Sample, now: Now) -> None:
-    ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
-    voter.receive(ballot, candidate, sample.arrived, now)

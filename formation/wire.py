@@ -6,6 +6,7 @@ core runs on the bus, on an in-memory network under a fake clock, and under a fu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 
@@ -42,3 +43,7 @@ class Now(NamedTuple):
     """[s] monotonic: ages, periods and time-outs."""
     wall: float
     """[s] system clock since the epoch: stamps."""
+
+
+Handler = Callable[[Sample, Now], float | None]
+"""Processes a message; may return the interval that it closes [s]. Raises BadMessage."""

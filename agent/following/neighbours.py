@@ -31,9 +31,10 @@ from formation.mission.model import Mission
 from formation.protocol.lateness import Trust, trusted
 from formation.protocol.order import check_mission
 from formation.protocol.reasons import Code, Reason
-from formation.ros2.messages import Displacement, Pose
+from formation.ros2.messages import Displacement, Pose, decode
 from formation.stability.losses import leads
-from formation.wire import Now
+from formation.topics import RELATIVE
+from formation.wire import Handler, Now, Sample
 
 OTHER_MISSION_TIME = 1.0
 """Time after a neighbour's newest position with another mission for which it counts as running that [s]."""
@@ -165,10 +166,10 @@ class Neighbour:
         state.body = self._followed(state.body, stamp, pose.position, elapsed)
         self._see(control_point(pose.position, pose.heading, self._offset), elapsed)
 
-    def take_displacement(self, measured: Displacement, arrived: float, now: Now) -> None:
+    def take_displacement(self, sample: Sample, now: Now) -> None:
         """Update from a displacement measured by this robot. Raises BadMessage."""
-        state = self.state
-        elapsed = self.stream.admit(measured.stamp, arrived, now)
+        measured, state = decode(Displacement, sample.payload), self.state
+        elapsed = self.stream.admit(measured.stamp, sample.arrived, now)
         state.displacement = measured.displacement
         if state.unplaced is not None and elapsed is not None:  # the one before was never placed
             (before,) = state.unplaced
@@ -331,6 +332,12 @@ class Neighbourhood:
         self._feed_forward = controller.feed_forward and mission.law.feed_forward
         # without delay compensation a sensor's displacements are used unchanged
         self._as_measured = not controller.delay_compensation and local
+
+    @property
+    def handlers(self) -> dict[str, Handler]:
+        """Handlers of the displacements that a sensor measures, by key."""
+        measured = [one for one in self.each.values() if one.check is not None]
+        return {RELATIVE.key(self._robot, one.name): one.take_displacement for one in measured}
 
     @property
     def guides(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ no such mistake, and an earlier order, however well signed, may be a recorded on
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from formation.agent.following.gains import Bearable
@@ -29,12 +30,15 @@ from formation.agent.following.publisher import rises
 from formation.agent.pose.stream import TooLateError
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
+from formation.protocol import order
 from formation.protocol.election import Voter, VoterState, begun, check_term, expiry
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
-from formation.protocol.order import MAX_MOTION_SECONDS, Order, newer
+from formation.protocol.order import MAX_MOTION_SECONDS, Ballot, Order, newer
+from formation.ros2.messages import Text, decode
 from formation.slots.geofence import Geofence
 from formation.slots.shape import check_shape
-from formation.wire import BadMessage, Now
+from formation.topics import BALLOT
+from formation.wire import BadMessage, Handler, Now, Sample
 
 REFUSED_ORDER_TIME = 1.0
 """Time for which an order that was not signed stays in the status [s]."""
@@ -86,9 +90,18 @@ class Orders:
         self.state = OrdersState(voter=self.voter.state)
         self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
         self._fence = Geofence(mission)
-        self._leader, self._votes = mission.leader, bool(mission.standbys)
+        self._leader, self._candidates = mission.leader, mission.candidates if mission.standbys else ()
         self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
         self._law = mission.law
+
+    @property
+    def handlers(self) -> dict[str, Handler]:
+        """Handlers of the candidates' ballots, by key."""
+        return {BALLOT.key(name): partial(self._take_ballot, name) for name in self._candidates}
+
+    def _take_ballot(self, candidate: str, sample: Sample, now: Now) -> None:
+        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+        self.voter.receive(ballot, candidate, sample.arrived, now)
 
     @property
     def newest(self) -> Order | None:
@@ -194,7 +207,7 @@ class Orders:
         ):
             return
         own = from_leader[0]
-        if newer(received, own) and (received.term == own.term or not self._votes):
+        if newer(received, own) and (received.term == own.term or not self._candidates):
             raise BadMessage(
                 f"relayed order is ahead of the leader's own, received here: term {received.term}, beat"
                 f" {received.beat}; the leader's own: term {own.term}, beat {own.beat}"

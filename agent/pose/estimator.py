@@ -36,9 +36,10 @@ from formation.protocol.lateness import Trust, trusted
 from formation.protocol.order import Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Localised
-from formation.ros2.messages import MapPose, Odometry, Pose, Transforms
+from formation.ros2.messages import MapPose, Odometry, Pose, Transforms, decode
 from formation.ros2.ros import MAX_POSITION
-from formation.wire import Now
+from formation.topics import AMCL_POSE, TF
+from formation.wire import Handler, Now, Sample
 
 START_HEADING_TIME = 1.0
 """Time under way after which a team no longer faces as its mission's start says [s]."""
@@ -105,6 +106,7 @@ class Localisation:
 
     def __init__(self, mission: Mission, robot: str, controller: Controller) -> None:
         spec = mission.robots[robot]
+        self._robot = robot
         self.stream = Stream(spec.rate)
         self._source: OdometrySource | ExternalPoseSource = (
             OdometrySource(mission, robot)
@@ -255,13 +257,22 @@ class Localisation:
                 self.state.estimate *= turn
             self.state.course *= turn
 
-    def take_map_pose(self, pose: MapPose) -> None:
+    @property
+    def handlers(self) -> dict[str, Handler]:
+        """Handlers of a localiser's messages, by key."""
+        if self.map_frame is None:
+            return {}
+        return {AMCL_POSE.key(self._robot): self._take_map_pose, TF.key(self._robot): self._take_transforms}
+
+    def _take_map_pose(self, sample: Sample, _now: Now) -> None:
         """Place odometry by a localiser's pose. Raises BadMessage."""
+        pose = decode(MapPose, sample.payload)
         if self.map_frame is not None:
             self._relocalised(self.map_frame.take_pose(pose))
 
-    def take_transforms(self, transforms: Transforms) -> None:
+    def _take_transforms(self, sample: Sample, _now: Now) -> None:
         """Place odometry by a localiser's transform from the map, if there is one among these."""
+        transforms = decode(Transforms, sample.payload)
         if self.map_frame is not None and isinstance(self._source, OdometrySource):
             last = self._source.state.last
             if last is not None:

@@ -71,7 +71,6 @@ def commit() -> str:
 
 
 def machine() -> str:
-    """What it ran on."""
     cores, python = f"{os.cpu_count()} cores of {platform.machine()}", platform.python_version()
     return f"{cores}, {platform.system()}, Python {python}, eclipse-zenoh {version('eclipse-zenoh')}"
 

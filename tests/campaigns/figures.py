@@ -74,7 +74,6 @@ def flags(description: str | None) -> argparse.ArgumentParser:
 
 
 def filled(*words: str) -> str:
-    """A paragraph."""
     return fill(" ".join(" ".join(words).split()), 110, break_on_hyphens=False) + "\n"
 
 
@@ -88,10 +87,8 @@ def curve_flags(description: str | None, rounds: int) -> argparse.ArgumentParser
 
 
 def progress(words: str) -> None:
-    """Print progress on stderr."""
     print(words, file=sys.stderr, flush=True)
 
 
 def show(found: Any, section: Callable[[Any], str], *, as_json: bool) -> None:
-    """Print what was found."""
     print(json.dumps(found) if as_json else section(found))

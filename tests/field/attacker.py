@@ -153,7 +153,6 @@ def talk(address: str, port: int, words: bytes) -> int:
 
 
 def main(kind: str, how: dict[str, Any]) -> None:
-    """Attack."""
     result: object
     match kind:
         case "dial":

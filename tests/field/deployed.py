@@ -69,7 +69,6 @@ def commands(unit: str, state: str = "%S") -> list[list[str]]:
 
 
 def mission() -> Mission:
-    """The mission of `TEXT`."""
     return parse(TEXT, "three.toml")
 
 

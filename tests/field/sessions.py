@@ -26,11 +26,9 @@ class Desk(NamedTuple):
     folder: Path
 
     def file(self, process: str) -> Path:
-        """The configuration of a process."""
         return self.folder / process / "zenoh.json5"
 
     def endpoint(self, name: str) -> str:
-        """Where a robot or a standby listens."""
         return named(self.mission)[name] or ""
 
 

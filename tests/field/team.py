@@ -149,7 +149,6 @@ class Team:
         return (sys.executable, "-m", "formation.deploy", command, str(self.source), *flags)
 
     def attack(self, kind: str, **how: Any) -> Running:
-        """Start an attack of `tests.field.attacker` on the attacker's computer."""
         return self.attacker.start(sys.executable, "-m", "tests.field.attacker", kind, json.dumps(how))
 
     def commands(self, since: float = 0.0, before: float = float("inf")) -> list[Command]:
@@ -207,7 +206,6 @@ def longest_gap(commands: list[Command]) -> float:
 
 
 def mission() -> Mission:
-    """The mission of `TEXT`."""
     return parse(TEXT, "attacked.toml")
 
 

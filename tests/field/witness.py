@@ -32,7 +32,6 @@ def opened(endpoint: str) -> zenoh.Session:
 
 
 def main(endpoint: str, robot: str) -> None:
-    """Look on until killed."""
     received: queue.SimpleQueue[tuple[float, str, bytes]] = queue.SimpleQueue()
 
     def receive(sample: zenoh.Sample) -> None:

@@ -46,7 +46,6 @@ def serving(bus: Bus) -> Iterator[None]:
 
 
 def collect(bus: Bus, number: int) -> list[Sample]:
-    """The next `number` samples."""
     samples: list[Sample] = []
     while len(samples) < number:
         assert bus.wait(PATIENCE), f"{len(samples)} of {number} came"

@@ -46,7 +46,6 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Its id."""
         return self.process.pid
 
     def event(self, name: str, patience: float = PATIENCE) -> dict[str, Any]:

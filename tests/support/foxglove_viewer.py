@@ -54,7 +54,6 @@ class Viewer:
         self.connection.send(json.dumps(message))
 
     def receive(self) -> Message:
-        """The next message."""
         while True:
             data = self.connection.recv(timeout=30.0)
             if isinstance(data, str):

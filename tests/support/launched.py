@@ -111,7 +111,6 @@ class Output:
         self.wait(self._elapsed + seconds)
 
     def ended(self) -> None:
-        """Wait until it has said all."""
         self._reader.join(PATIENCE)
         assert not self._reader.is_alive()
 

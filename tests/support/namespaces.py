@@ -86,11 +86,9 @@ class Running:
 
     @property
     def ended(self) -> bool:
-        """Whether it is gone."""
         return self.process.poll() is not None
 
     def signal(self, number: int) -> None:
-        """Send a signal."""
         self.process.send_signal(number)
 
     def stop(self, patience: float = PATIENCE) -> int:
@@ -117,7 +115,6 @@ class Computer:
     def start(
         self, *argv: str | Path, env: Mapping[str, str] | None = None, cwd: Path | None = None
     ) -> Running:
-        """Start a process here."""
         stem = self._folder / f"{self.name}.{len(self._started)}"
         out, err = stem.with_suffix(f"{stem.suffix}.out"), stem.with_suffix(f"{stem.suffix}.err")
         with out.open("w") as output, err.open("w") as errors:

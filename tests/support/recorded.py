@@ -107,7 +107,6 @@ class RecordedFleet(Fleet):
             self.nodes[name].core = Looped(self.agents[name], self.record)
 
     def halt(self, name: str) -> None:
-        """Have an agent end well."""
         self._send(name, self.loop(name).halt(self.moment, "told to"))
         self.kill(name)
 

@@ -31,7 +31,6 @@ Exit code 0: enough defects are found; 1: too few are; 2: a rule breaks without 
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Try, write and say; the exit code."""
     given = _flags().parse_args(words)
     names = list(dict.fromkeys(given.names or DEFECTS))
     numbers = range(QUICK if given.quick else len(PLANS))

@@ -44,7 +44,6 @@ def main(words: Sequence[str]) -> None:
 
 
 def say(what: dict[str, Any]) -> None:
-    """Print one line of JSON."""
     print(json.dumps(what), flush=True)
 
 
@@ -153,7 +152,6 @@ def broken_by(rule: str, what: str, time: float = 0.0) -> Broken:
 
 
 def rule(violation: Violation) -> Broken:
-    """A broken rule as JSON."""
     return violation._asdict()
 
 

@@ -18,7 +18,6 @@ rehearsals then runs on the copy until a rule breaks. If one breaks without a de
 
 
 def text(found: Found) -> str:
-    """The whole page."""
     rows = found["defects"]
     caught = [row for row in rows if row["found"]]
     rules = Counter(row["broken"][0]["rule"] for row in caught)
@@ -44,7 +43,6 @@ def text(found: Found) -> str:
 
 
 def rows_missed(rows: list[Found]) -> list[Found]:
-    """Those that were not found."""
     return [row for row in rows if not row["found"]]
 
 

@@ -30,7 +30,6 @@ Exit code 0: nothing was found; 1: something was.
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Try, and say what was found; the exit code."""
     flags = argparse.ArgumentParser(
         "tests.campaigns.fuzz", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -66,7 +66,6 @@ Exit code 0: all was as it should be; 1: something was not; 2: nothing was tried
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Try, write and say; the exit code."""
     flags = _flags()
     given = flags.parse_args(words)
     if lacking := missing("namespaces"):

@@ -29,7 +29,6 @@ HEADER = (
 
 
 def summary(title: str, tries: Sequence[Try]) -> dict[str, Any]:
-    """One row, for programs."""
     names = sorted({name for one in tries for name in one.figures})
     figures = {name: [one.figures[name] for one in tries if name in one.figures] for name in names}
     return {
@@ -47,12 +46,10 @@ def summary(title: str, tries: Sequence[Try]) -> dict[str, Any]:
 
 
 def table(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Rows for people."""
     return markdown(HEADER, [_row(row) for row in rows])
 
 
 def failures(rows: Iterable[Mapping[str, Any]]) -> str:
-    """What was not as it should be, if anything."""
     lines = [
         f"- {row['title']}: {what} ({times} of {row['tries']})"
         for row in rows
@@ -108,7 +105,6 @@ class Progress(Protocol):
 
 
 def tell(words: str) -> None:
-    """A line for people."""
     print(f"{time.strftime('%H:%M:%S')} {words}", file=sys.stderr, flush=True)
 
 
@@ -218,7 +214,6 @@ class Options(NamedTuple):
     """Of the soak."""
 
     def chosen(self, name: str) -> bool:
-        """Whether a row is asked for."""
         return not self.only or any(name.startswith(one) for one in self.only)
 
 
@@ -243,7 +238,6 @@ class Part(Protocol):
 
 
 def campaign(options: Options, maker: Maker, rows: Sequence[Row]) -> tuple[Found, list[Try]]:
-    """Try every chosen row as often as asked for."""
     chosen = [row for row in rows if options.chosen(row.name)]
     if not chosen:
         return {"rows": {}, "well": True}, []

@@ -50,31 +50,26 @@ in the monitor's recording."""
 
 
 def run(options: Options) -> Found:
-    """Kill it."""
     found, tries = campaign(options, faults.maker, (_row(),))
     found["curves"] = [one.curve for one in tries]
     return found
 
 
 def names() -> Sequence[str]:
-    """Its only row."""
     return ["failover"]
 
 
 def seconds(options: Options) -> float:
-    """What it takes."""
     return 8.0 * options.tries / options.fields
 
 
 def section(found: Found) -> str:
-    """For people."""
     every = found["rows"].values()
     picture = f"![Formation error around {sum(row['tries'] for row in every)} takeovers]({TAKEOVERS})"
     return f"{table(every)}\n{picture}\n\n{failures(every)}"
 
 
 def draw(found: Found, docs: Path) -> None:
-    """Formation error over time since the leader's death, of every try."""
     with panels(docs / TAKEOVERS, 1, (7.0, 3.0)) as (axes,):
         for curve in found["curves"]:
             shown = np.array([pair for pair in curve if BEFORE <= pair[0] <= AFTER])

@@ -28,7 +28,6 @@ RESTART = 0.5
 
 
 def rows(mission: Mission) -> tuple[Row, ...]:
-    """All of them, for a mission."""
     first, middle, leaf = roles(mission)
     victims: dict[str, tuple[str, Callable[[Fleet], str]]] = {
         "leader": ("the leader", lambda fleet: fleet.leading),
@@ -64,7 +63,6 @@ WORDS = {"kill": "kill -9 {}", "pause": "SIGSTOP {}, SIGCONT", "unplug": "veth o
 
 
 def fault(kind: str) -> tuple[Act, Act]:
-    """How to do and to undo it."""
     return {"kill": (_kill, _start), "pause": (_pause, _go_on), "unplug": (_unplug, _plug)}[kind]
 
 
@@ -184,27 +182,22 @@ missing."""
 
 
 def run(options: Options) -> Found:
-    """Try them all."""
     found, _ = campaign(options, maker, rows(load(MISSION)))
     return found
 
 
 def maker(folder: Path) -> Fleet:
-    """The fleet that it happens to."""
     return Fleet(MISSION, folder, STRAIGHT)
 
 
 def names() -> Sequence[str]:
-    """Its rows."""
     return [row.name for row in rows(load(MISSION))]
 
 
 def seconds(options: Options) -> float:
-    """What it takes."""
     return 170.0 * options.tries / options.fields
 
 
 def section(found: Found) -> str:
-    """For people."""
     every = found["rows"].values()
     return f"{table(every)}\n{failures(every)}"

@@ -151,12 +151,10 @@ class Fleet:
 
     @property
     def followers(self) -> tuple[str, ...]:
-        """All that have an agent."""
         return self.mission.followers
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every process that is judged."""
         leads = ("leader", *(f"standby {name}" for name in self.mission.standbys))
         each = (f"{part} {name}" for name in self.followers for part in ("robot", "watchdog", "agent"))
         every = (*leads, *each, "monitor")
@@ -197,7 +195,6 @@ class Fleet:
         until(self._sees_all, patience, "the witness sees every robot and the leader")
 
     def computer(self, process: str) -> Computer:
-        """Where a process runs."""
         owner = {"leader": self.mission.leader, "monitor": DESK}.get(process, process.rpartition(" ")[2])
         return self.field.computers[owner]
 
@@ -216,7 +213,6 @@ class Fleet:
             one.wait()
 
     def end(self, process: str) -> None:
-        """Ask a process to end, as systemd does, and wait for it."""
         self.running[process].stop()
 
     def order(self, *words: str, timeout: float = 3.0) -> tuple[int, dict[str, Any]]:
@@ -260,7 +256,6 @@ class Fleet:
             self.field.computers[name].roam("beyond")
 
     def heal(self) -> None:
-        """All are within each other's reach."""
         for name in wiring.members(self.mission):
             self.field.computers[name].roam()
 
@@ -315,7 +310,6 @@ class Fleet:
 
     @property
     def recording(self) -> Path:
-        """The file that the monitor writes at present."""
         return self.folder / f"recording{self._recordings}.mcap"
 
     @property

@@ -91,7 +91,6 @@ CELLS = (
 
 
 def names() -> Sequence[str]:
-    """Its cells."""
     return [cell.name for cell in CELLS]
 
 
@@ -101,12 +100,10 @@ def repeats(options: Options) -> int:
 
 
 def seconds(options: Options) -> float:
-    """What it takes."""
     return 55.0 * len(CELLS) * repeats(options) / options.fields
 
 
 def run(options: Options) -> Found:
-    """Try every cell."""
     chosen = [cell for cell in CELLS if options.chosen(cell.name)]
     results: dict[str, list[dict[str, Any]]] = {cell.name: [] for cell in chosen}
     todo = chosen * repeats(options)
@@ -118,7 +115,6 @@ def run(options: Options) -> Found:
 
 
 def section(found: Found) -> str:
-    """For people."""
     cells = found["cells"]
     free = {shipped: cells.get(name, {}).get("settled") for shipped, name in _LOSS_FREE.items()}
     header = (

@@ -28,23 +28,19 @@ from that order, in the shape as it moves."""
 
 
 def run(options: Options) -> Found:
-    """Change them."""
     found, _ = campaign(options, lambda folder: Fleet(MISSION, folder), (ROW,))
     return found
 
 
 def names() -> Sequence[str]:
-    """Its only row."""
     return ["shapes"]
 
 
 def seconds(options: Options) -> float:
-    """What it takes."""
     return 35.0 * options.tries / options.fields
 
 
 def section(found: Found) -> str:
-    """For people."""
     every = found["rows"].values()
     return f"{table(every)}\n{failures(every)}"
 

@@ -47,17 +47,14 @@ class Reading(NamedTuple):
 
 
 def names() -> Sequence[str]:
-    """Its only row."""
     return ["soak"]
 
 
 def seconds(options: Options) -> float:
-    """What it takes."""
     return options.minutes * 60.0
 
 
 def run(options: Options) -> Found:
-    """Do it."""
     with (
         TemporaryDirectory(prefix="reliability-") as folder,
         Fleet(crowd(ROBOTS, STANDBYS), Path(folder), lossy=True) as fleet,
@@ -149,7 +146,6 @@ def growth(rows: Sequence[Reading]) -> float | None:
 
 
 def section(found: Found) -> str:
-    """For people."""
     parts: dict[str, list[float]] = {}
     for name, ratio in found["grown"].items():
         parts.setdefault(name.partition(" ")[0], []).append(ratio)

@@ -61,7 +61,6 @@ CASES: dict[str, tuple[str, Case]] = {
 
 
 def names() -> Sequence[str]:
-    """Its rows."""
     return list(CASES)
 
 
@@ -71,7 +70,6 @@ def seconds(options: Options) -> float:
 
 
 def run(options: Options) -> Found:
-    """Stop and release."""
     tries: list[Try] = []
     chosen = [name for name in CASES if options.chosen(name)]
     with TemporaryDirectory(prefix="reliability-") as folder, _fleet(Path(folder)) as fleet:
@@ -93,7 +91,6 @@ def _fleet(folder: Path) -> Fleet:
 
 
 def section(found: Found) -> str:
-    """For people."""
     every = found["rows"].values()
     return f"{table(every)}\n{failures(every)}"
 

@@ -168,7 +168,6 @@ class Try:
     """Error over time from the fault on [s; m]."""
 
     def as_json(self) -> dict[str, Any]:
-        """For a file."""
         return asdict(self)
 
 

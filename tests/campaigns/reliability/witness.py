@@ -62,7 +62,6 @@ class Eyes:
 
 
 def main(source: str, file: str, fleet: str, robots: str) -> None:
-    """Look on until killed."""
     mission, box = load(source), Mailbox(1 << 16)
     eyes, stage = Eyes(mission), json.loads(robots)
     links = BusConfig(connect=tuple(json.loads(fleet)), namespace=mission.team or "", name="witness")

@@ -57,7 +57,6 @@ Exit code 0: all bars hold; 1: one does not; 2: nothing was tried.
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Measure, write and say; the exit code."""
     given = _flags().parse_args(words)
     held = True
     for name in dict.fromkeys(given.parts or PARTS):

@@ -133,7 +133,6 @@ def run(options: Options) -> Found:
 
 
 def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
-    """What holds, by the issue's words."""
     touched = [one["with"]["touched"] for one in random]
     into = [one["with"]["converged_fraction"] for one in random]
     slower = [one["ratio"] for one in random]
@@ -164,7 +163,6 @@ def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
 
 
 def section(found: Found) -> str:
-    """Tables for people."""
     costs = [[name, span(one, 0, " µs")] for name, one in found["step"].items()]
     return "\n".join(
         [

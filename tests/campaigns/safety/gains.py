@@ -192,6 +192,5 @@ def run(options: Options) -> Found:
 
 
 def section(found: Found) -> str:
-    """A table for people."""
     rows = [[name, f"{100 * jump:.1f} %"] for name, jump in found["jumps"].items()]
     return markdown(("mission, law", "largest jump, of a limit"), rows)

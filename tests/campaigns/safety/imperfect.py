@@ -36,7 +36,6 @@ each shape, {SEVEN_RUNS} starts each with {1e3 * NOISES[-1]:g} mm of noise, whic
 
 
 def run(options: Options) -> Found:
-    """Every pair of noise and delay."""
     runs = 20 if options.quick else RUNS
     pairs = list(product(NOISES, DELAYS))
     six = load("six_robots")
@@ -99,7 +98,6 @@ def bars(cells: Sequence[Found]) -> list[Found]:
 
 
 def section(found: Found) -> str:
-    """A table for people."""
     header = (
         *("noise", "delay", "runs that leave robots behind", "runs that touch"),
         *("nearest bodies", "median error at the end", "deadlocks"),

@@ -55,7 +55,6 @@ slots around its own, and starts that are strewn widely bring others together.""
 
 
 def run(options: Options) -> Found:
-    """Try all."""
     sizes, runs = ((3, 7, 16), 5) if options.quick else (SIZES, RUNS)
     every = list(product(PROFILES, SHAPES, sizes))
     rows = {
@@ -79,7 +78,6 @@ def run(options: Options) -> Found:
 
 
 def section(found: Found) -> str:
-    """A table for people, and what was found wrong."""
     rows = [
         [name, f"{row['well']} of {row['tried']}", f"{row['touched']} of {row['starts']}"]
         for name, row in found["rows"].items()

@@ -50,7 +50,6 @@ KINDS = ("own", "whole", "counted", "pairs", "last")
 
 
 def run(options: Options) -> Found:
-    """Drive all starts, and time the world."""
     starts = 2 if options.quick else STARTS
     found: Found = {name: together(load(file), starts, name) for name, file in MISSIONS.items()}
     speed = how_fast(load("six_robots"), 5.0 if options.quick else SECONDS)
@@ -58,7 +57,6 @@ def run(options: Options) -> Found:
 
 
 def bars(found: Found) -> list[Found]:
-    """What holds of both missions."""
     every = []
     for name, one in found.items():
         starts, own, whole = one["starts"], one["own"], one["whole"]
@@ -86,7 +84,6 @@ def real_time(speed: Found) -> Found:
 
 
 def section(found: Found) -> str:
-    """Tables for people."""
     speed = found["speed"]
     return "\n".join(
         [
@@ -127,7 +124,6 @@ def together(mission: Mission, starts: int, name: str) -> Found:
 
 
 def driven(team: InPhysics) -> Found:
-    """One run."""
     true, counted = [], []
     for _ in range(round(SECONDS / STEP)):
         team.fleet.run(STEP)

@@ -37,7 +37,6 @@ class Case(NamedTuple):
 
 
 def run(options: Options) -> Found:
-    """Rehearse every mission in every world."""
     seconds, names = (60.0, MISSIONS[:2]) if options.quick else (SECONDS, (*MISSIONS, "posts"))
     worlds: list[WorldName] = ["kinematic", "mujoco"] if find_spec("mujoco") else ["kinematic"]
     kinds = [*product(worlds, (False,)), ("kinematic", True)]
@@ -75,7 +74,6 @@ def _row(case: Case, seconds: float, verdict: Verdict) -> dict[str, Any]:
 
 
 def section(found: Found) -> str:
-    """Tables for people."""
     rows = [
         [
             one["mission"],

@@ -236,7 +236,6 @@ def judged(scenario: str, seed: int) -> tuple[list[str], str]:
 
 
 def main() -> int:
-    """Run them all; the exit code."""
     flags = argparse.ArgumentParser(prog="tests.campaigns.timings.elections", description=__doc__)
     flags.add_argument("--timings", type=int, default=1000)
     flags.add_argument("--first", type=int, default=0, help="seed of the first")

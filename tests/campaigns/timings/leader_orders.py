@@ -45,12 +45,10 @@ def ramped(mission: Mission, ramp: float | None) -> Mission:
 
 
 def said(ramp: float | None) -> str:
-    """The same in words."""
     return "" if ramp == 0.0 else ", with the ramp"
 
 
 def settling(use: str, ramp: float | None) -> str:
-    """From random starts."""
     mission, options = ramped(used(six_robots(), use), ramp), Options(avoid=False)
     result = simulate(mission, runs=1000, seed=1, horizon=40.0, starts="random", options=options)
     ratio = result.settling_time / lower_bound.by_distance(mission, drawn(mission, 1000, 1))
@@ -117,7 +115,6 @@ def production(use: str) -> str:
 
 
 def main() -> None:
-    """Print them, use by use."""
     for use in USES:
         print(f"{use}:")
         for ramp in (0.0, None):

@@ -315,7 +315,6 @@ SCENARIOS = (
 
 
 def main() -> int:
-    """Every scenario at so many timings; the exit code."""
     flags = argparse.ArgumentParser(
         "tests.campaigns.timings.orders",
         description=__doc__,

@@ -43,7 +43,6 @@ class Actor:
 
     @property
     def published(self) -> Counter[str]:
-        """On both."""
         return Counter({**self.bus.published, **self.stage.published})
 
     def wait_for_the_monitor(self) -> None:

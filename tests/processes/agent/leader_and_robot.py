@@ -39,7 +39,6 @@ def beside(endpoint: str, *keys: str) -> Iterator[tuple[RobotBus, Mailbox]]:
 
 
 def received(bus: Bus | Mailbox, enough: Callable[[Sequence[Sample]], Any]) -> list[Sample]:
-    """What arrives until it is enough."""
     samples: list[Sample] = []
     deadline = time.monotonic() + PATIENCE
     while not enough(samples):

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
@@ -62,22 +62,14 @@ def test_every_command_of_real_run_is_reproduced_exactly(tmp_path: Path, mission
     whole(recorded(tmp_path, mission))
 
 
-class Eventful(NamedTuple):
-    """A run with orders, and an agent that was killed and replaced; recorded whole, and from later on."""
-
-    whole: Path
-    late: Path
-
-
 @contextmanager
-def like(line: list[str], folder: Path, *also: str, **instead: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A process with such a command line, with some flags set differently, that is ready."""
+def like(line: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process with such a command line, but for its parent, that is ready."""
     line = line.copy()
-    for flag, value in {"parent": str(os.getpid()), **instead}.items():
-        line[line.index(f"--{flag}") + 1] = value
+    line[line.index("--parent") + 1] = str(os.getpid())
     with (
         tempfile.TemporaryFile() as output,
-        subprocess.Popen([*line, *also], cwd=folder, stdout=output, stderr=subprocess.DEVNULL) as other,
+        subprocess.Popen(line, cwd=folder, stdout=output, stderr=subprocess.DEVNULL) as other,
     ):
         try:
             until(lambda: b'"event": "ready"' in os.pread(output.fileno(), 1000, 0))
@@ -88,41 +80,36 @@ def like(line: list[str], folder: Path, *also: str, **instead: str) -> Iterator[
             other.kill()
 
 
-@pytest.fixture(scope="module")
-def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
-    folder = tmp_path_factory.mktemp("eventful")
-    whole, late = folder / "run.mcap", folder / "late.mcap"
+def eventful(folder: Path) -> Path:
+    """A run with orders, and an agent that was killed and replaced."""
     with started("turtlebot3_pair", "--duration", "300", "--record", "run.mcap", folder=folder) as process:
         assert process.stderr is not None
         links = process.stderr.readline().partition("another terminal: ")[2].split()[3:]
         reported = Output(process)
         children = reported.wait(2.0)
         lines = {child.pid: child.cmdline() for child in children}
-        monitor = next(line for line in lines.values() if line[3] == "formation.monitor")
         victim, agent = next(
             (pid, line) for pid, line in lines.items() if line[3] == "formation.agent" and line[6] == "robot2"
         )
-        with like(monitor, folder, "--no-page", record=str(late)):
-            for do in ("hold", "run", "stop", "release", "run"):
-                command = [sys.executable, "-m", "formation.deploy", "order", "turtlebot3_pair", do, *links]
-                subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
-            reported.wait_more(8.0)
-        os.kill(victim, signal.SIGKILL)  # with one monitor left: an agent waits for one, not for both
+        for do in ("hold", "run", "stop", "release", "run"):
+            command = [sys.executable, "-m", "formation.deploy", "order", "turtlebot3_pair", do, *links]
+            subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
+        reported.wait_more(4.0)
+        os.kill(victim, signal.SIGKILL)
         with like(agent, folder):
             reported.wait_more(4.0)
         process.send_signal(signal.SIGTERM)
         reported.ended()
         result_of(process)
-    return Eventful(whole, late)
+    return folder / "run.mcap"
 
 
-def test_requests_and_replaced_agent_are_reproduced(
-    eventful: Eventful,
-) -> None:
-    code, text, result = verified(eventful.whole)
+def test_requests_and_replaced_agent_are_reproduced(tmp_path: Path) -> None:
+    recording = eventful(tmp_path)
+    code, text, result = verified(recording)
     assert code == 0, text
     for name, one in result["robots"].items():
-        assert one["exact"] == commands(eventful.whole)[name] - cut_short(one), text
+        assert one["exact"] == commands(recording)[name] - cut_short(one), text
 
 
 def cut_short(robot: dict[str, Any]) -> int:
@@ -131,15 +118,3 @@ def cut_short(robot: dict[str, Any]) -> int:
     robot["not_judged"] = [one for one in robot["not_judged"] if one not in last]
     assert [one["commands"] for one in last] in ([], [1])
     return len(last)
-
-
-def test_late_recording_is_judged_from_next_state(eventful: Eventful) -> None:
-    code, text, result = verified(eventful.late)
-    assert code == 0, text
-    for name, one in result["robots"].items():
-        assert one["exact"] == one["compared"] > 50, text  # a memory comes every 5 s, and 8 s are recorded
-        cut = cut_short(one)
-        (stretch,) = one["not_judged"]
-        assert stretch["commands"] == commands(eventful.late)[name] - one["compared"] - cut
-        assert "beginning is not in the recording" in stretch["reason"]
-        assert stretch["until"] < 7.0

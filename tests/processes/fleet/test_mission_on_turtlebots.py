@@ -104,7 +104,6 @@ class Listener:
         )
 
     def next(self) -> zenoh.Sample:
-        """The next message."""
         samples: list[zenoh.Sample] = []
         until(lambda: self._came(samples))
         return samples[0]

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -77,20 +76,6 @@ def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bu
     assert slowest < 0.5
 
 
-def test_a_signal_handler_ends_the_wait(pair: tuple[Bus, Bus]) -> None:
-    here, _ = pair
-    before = signal.signal(signal.SIGALRM, lambda *_: here.wake())
-    try:
-        start = time.monotonic()
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
-        assert here.wait(PATIENCE)
-        assert time.monotonic() - start < 5.0
-        assert not here.wait(0.0)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
 @pytest.mark.smoke
 def test_each_process_answers_on_its_main_thread(endpoint: str) -> None:
     other = free_endpoint()
@@ -115,18 +100,6 @@ def test_each_process_answers_on_its_main_thread(endpoint: str) -> None:
     assert all(0.0 < reply.ms < PATIENCE * 1e3 for reply in replies)
     assert len(set(threads)) == 2
     assert {thread.name for thread in threads} == {"another process"}
-
-
-def test_a_query_wakes_the_loop_that_answers_it(pair: tuple[Bus, Bus]) -> None:
-    here, there = pair
-    here.answer(REQUESTED, lambda request, _: request)
-    acquaint(here, there)
-    asking = threading.Thread(target=there.ask, args=(REQUESTED, b"?", PATIENCE))
-    asking.start()
-    assert here.wait(PATIENCE)
-    assert here.serve() == 1
-    asking.join()
-    assert here.serve() == 0
 
 
 def test_a_flood_of_queries_is_turned_away(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -96,12 +96,10 @@ class Replayed:
         self._reader.start()
 
     def steer(self, do: str, to: float | None = None) -> httpx.Response:
-        """Ask for it."""
         body = {"do": do} if to is None else {"do": do, "to": to}
         return httpx.post(f"{self.address}api/replay", json=body, timeout=PATIENCE, verify=PLAIN)
 
     def steered(self, do: str, to: float | None = None) -> dict[str, Any]:
-        """How it stands after that."""
         answer = self.steer(do, to)
         assert answer.status_code == 200, answer.text
         standing: dict[str, Any] = answer.json()
@@ -119,7 +117,6 @@ class Replayed:
         raise AssertionError("the stream ended without a frame")
 
     def result(self) -> dict[str, Any]:
-        """What it says at its end."""
         self.process.wait(PATIENCE)
         self._reader.join(PATIENCE)
         assert self.process.stdout is not None

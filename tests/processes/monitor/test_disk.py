@@ -34,7 +34,6 @@ def tenths(start: float, end: float) -> list[float]:
 
 
 def why(recording: Recorder) -> str | None:
-    """Why nothing is recorded just now."""
     return recording.failure
 
 

@@ -109,7 +109,6 @@ class Scene:
         return self.frame()
 
     def frame(self) -> dict[str, Any]:
-        """What a page is sent now."""
         leader = self._place[0]
         points = [self._point(n) for n in range(len(self.names))]
         wrong = [

@@ -34,7 +34,6 @@ def of_a_run(browser: Browser, folder: Path) -> int:
 
 
 def main(folder: Path) -> None:
-    """Make both."""
     folder.mkdir(parents=True, exist_ok=True)
     with browsing() as browser:
         print(f"page_six_robots.png, page_phone.png: {of_a_run(browser, folder)} messages missed")

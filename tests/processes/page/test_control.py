@@ -94,7 +94,6 @@ def pages() -> Iterator[ThreadPoolExecutor]:
 def begun(
     pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
 ) -> Future[dict[str, Any]]:
-    """An order that is being asked, on a page of its own."""
     before = len(team.received)
     given = pages.submit(operator.order, do, **how)
     team.wait_for(lambda: len(team.received) > before)
@@ -201,18 +200,6 @@ def test_a_double_click_on_release_leaves_the_team_held(
     assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
 
 
-def test_release_keeps_hold_of_leader_that_missed_stop(
-    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 0.1)
-    operator.order("hold")
-    team.away = {SIX.leader}
-    operator.order("stop")
-    team.away = set()
-    operator.order("release")
-    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
-
-
 def test_two_pages_that_click_at_once_wait_for_the_same_answers(
     team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,18 +234,6 @@ def test_every_start_has_another_token(team: Team, events: list[Event]) -> None:
     tokens = {Operator(SIX, team, events.append).token for _ in range(20)}
     assert len(tokens) == 20
     assert min(map(len, tokens)) >= 43  # 256 bits
-
-
-def test_bus_failure_reaches_all_waiting_callers(
-    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: object) -> Any:
-        raise RuntimeError("the bus is closed")
-
-    monkeypatch.setattr(team, "question", fails)
-    for _ in range(2):
-        with pytest.raises(RuntimeError, match="closed"):
-            operator.order("hold")
 
 
 def test_outdated_page_may_only_stop_and_hold(operator: Operator, team: Team) -> None:

@@ -60,7 +60,6 @@ class Player:
         self.requested: list[tuple[str, float | None]] = []
 
     def steer(self, do: str, to: float | None) -> dict[str, Any]:
-        """It obeys."""
         self.requested.append((do, to))
         return {}
 

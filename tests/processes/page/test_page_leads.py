@@ -18,7 +18,6 @@ CHIPS = "[...document.querySelectorAll('#candidates li')].map((one) => [one.text
 
 @pytest.fixture
 def six() -> Iterator[Served]:
-    """Six robots that drive, with two standbys."""
     with served(Scene(6, standbys=STANDBYS)) as one:
         one.play()
         yield one

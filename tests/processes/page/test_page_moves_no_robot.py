@@ -29,7 +29,6 @@ class Now(Scene):
         return time.time()
 
     def step(self) -> dict[str, object]:
-        """The next frame."""
         return {**super().step(), "t": self.now}
 
 

@@ -33,7 +33,6 @@ ROW = '[data-robot="{}"]'
 
 @pytest.fixture
 def six() -> Iterator[Served]:
-    """Six robots that drive."""
     with served(Scene(SIX)) as one:
         one.play()
         yield one
@@ -198,7 +197,6 @@ def test_a_hundred_robots_are_sorted_worst_first_and_found_by_name(browser: Brow
 
 
 def _headers_stick(page: Page) -> None:
-    """The table scrolls under its head."""
     where = "document.querySelector('#robot-table th').getBoundingClientRect().top"
     before = page.evaluate(where)
     page.evaluate("document.querySelector('#robots .scroll').scrollTop = 500")

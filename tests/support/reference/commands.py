@@ -30,7 +30,6 @@ class _Found(Exception):  # noqa: N818 - ends a command as soon as it has made i
 
 
 def page() -> str:
-    """The page."""
     parts = [paragraph(INTRODUCTION), paragraph(EXIT_CODES)]
     for group in (cli.HERE, cli.ALONE, cli.FIELD):
         named = {name: command for name, command in cli.COMMANDS.items() if command.group == group}

@@ -59,7 +59,6 @@ SPECIAL = {
 
 
 def page() -> str:
-    """The page."""
     parts = [paragraph(INTRODUCTION), paragraph(TYPES)]
     for heading, cls in TABLES.items():
         described = (cls.__doc__ or "").splitlines()[0].removeprefix(f"{heading}: ")

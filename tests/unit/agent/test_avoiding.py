@@ -28,7 +28,6 @@ PATROL = load("patrol").model_copy(update={"cohesion": None})
 
 
 def changed(mission: Mission, **robots: Any) -> Mission:
-    """The same with other robots."""
     changed = {name: one.model_copy(update=robots) for name, one in mission.robots.items()}
     return mission.model_copy(update={"robots": changed})
 

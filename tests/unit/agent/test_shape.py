@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from formation.mission.file import load
 from tests.support.fleet import Fleet
+from tests.unit.agent.sudden import most_sudden
 
 SIX = load("six_robots")
 AT_REST = (0.0, 0.0)
@@ -54,9 +55,11 @@ def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
     for name in SIX.followers:
         assert {command[1:] for command in fleet.commands[name][before[name] :]} == {AT_REST}
     assert fleet.points() == pytest.approx(where, abs=1e-3)
+    since = fleet.now
     for name in requested:
         assert fleet.set_going(name).ok
     fleet.run(10.0)
+    assert most_sudden(fleet, since, rests=True) < 0.5
     assert fleet.error() < SIX.settled
     assert fleet.within_limits
 

@@ -51,7 +51,6 @@ def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") 
 
 
 def output(capsys: Capsys) -> tuple[str, dict[str, Any]]:
-    """What people get to read, and programs."""
     out, words = capsys.readouterr()
     result: dict[str, Any] = json.loads(out)
     return words, result

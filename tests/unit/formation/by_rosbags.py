@@ -100,7 +100,6 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
 
 
 def written(message: Message, *, little_endian: bool = True) -> bytes:
-    """The message's bytes."""
     raw = make(message.ROS_TYPE, *FIELDS[type(message)](message))
     return bytes(STORE.serialize_cdr(raw, message.ROS_TYPE, little_endian=little_endian))
 

@@ -21,7 +21,8 @@ from formation.protocol.election import (
 )
 from formation.protocol.order import Ballot, PositionAttachment
 from formation.wire import BadMessage, Now
-from tests.unit.formation.elections import EPOCH, mission
+from tests.unit.leader.team import EPOCH
+from tests.unit.leader.team import chain as mission
 
 TERM = new_term(0, Now(0.0, EPOCH), 0)
 

@@ -19,6 +19,7 @@ from formation.leader.core import Leader
 from formation.mission.file import parse
 from formation.mission.model import Mission
 from formation.protocol import order
+from formation.protocol.election import reach
 from formation.protocol.order import OperatorReply, OperatorRequest, Order, PositionAttachment
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry, encode
@@ -30,13 +31,9 @@ from tests.support.missions import row_of_three
 
 EPOCH = 1.7e9
 TICK = 0.1
-"""[s]"""
+"""Of `MISSION` [s]."""
 TWIN = "-twin"
 """How the name of a second agent of a robot ends."""
-LONGEST_SIGN = 0.3
-"""A sign of life takes up to so long on a robot's own side, and waits up to a tick for its reader [s]."""
-PERIOD = 0.2
-"""Of odometry, and of the leader's positions [s]."""
 MISSION: Mission = parse(
     row_of_three(
         "chain",
@@ -55,6 +52,25 @@ c = [-6.0, 0.0]
 )
 
 
+def chain(followers: int = 3, standbys: int = 2, takeover: float = 1.0, rate: float = 20.0) -> Mission:
+    """Robots f0, f1, … behind a leader ``led`` that standbys s0, s1, … can replace."""
+    names = [f"f{number}" for number in range(followers)]
+    lines = [
+        'name = "chain"',
+        'leader = "led"',
+        f"takeover = {takeover}",
+        "[robot]",
+        f"rate = {rate}",
+    ]
+    lines += [f"[standbys.s{number}]" for number in range(standbys)]
+    lines += ["[shapes.row]", *(f"{name} = [{-1.0 - number}, 0.0]" for number, name in enumerate(names))]
+    lines += ["[robots.led]", "start = { x = 0, y = 0 }"]
+    for before, name in zip(["led", *names], names, strict=False):
+        lines += [f"[robots.{name}]", f'neighbours = ["{before}"]']
+        lines += [f"start = {{ x = {-1 - int(name[1:])}, y = 0 }}"]
+    return parse("\n".join([*lines, "[[route]]", "speed = 0.01", "heading_deg = 0"]))
+
+
 @dataclass
 class Process:
     """A candidate or an agent, its clocks, and what happens to it."""
@@ -64,6 +80,8 @@ class Process:
     """So much after each tick it has its turn [s]."""
     offset: float
     """Of its monotonic clock [s]."""
+    pace: float = 1.0
+    """How fast that runs."""
     wrong: float = 0.0
     """Of its system clock [s]."""
     alive: bool = True
@@ -80,14 +98,17 @@ class Process:
     """Of a candidate: the newest term that it has kept."""
 
     def now(self, true: float) -> Now:
-        return Now(self.offset + true, EPOCH + self.wrong + true)
+        return Now(self.offset + true * self.pace, EPOCH + self.wrong + true)
 
 
 class Team:
     """Every process, and the network between them."""
 
-    def __init__(self, seed: int, mission: Mission = MISSION) -> None:
+    def __init__(self, seed: int, mission: Mission = MISSION, drift: float = 0.0) -> None:
+        """Clocks run up to `drift` faster or slower than true time."""
         self.mission = mission
+        self.tick, self._period = mission.takeover / 20.0, 1.0 / mission.robots[mission.leader].rate
+        self._longest_sign = reach(mission) - self.tick  # it may wait a tick for its reader
         self.random, self.true = random.Random(seed), 0.0
         self.loss = self.twice = 0.0
         self.slowest = 0.01
@@ -106,10 +127,13 @@ class Team:
         names = (*self.mission.candidates, *self.mission.followers)
         self.processes = {
             name: Process(
-                self._core(name), self.random.uniform(0.0, 0.9 * TICK), self.random.uniform(0.0, 1e5)
+                self._core(name), self.random.uniform(0.0, 0.9 * self.tick), self.random.uniform(0.0, 1e5)
             )
             for name in names
         }
+        paces = random.Random(seed)
+        for process in self.processes.values():
+            process.pace += paces.uniform(-drift, drift)
         self.agents = self.mission.followers
 
     def leader(self, name: str) -> Leader:
@@ -127,11 +151,22 @@ class Team:
         name, before = robot + TWIN, self.processes[robot]
         self.processes[name] = Process(
             self._core(name, readonly=readonly),
-            self.random.uniform(0.0, 0.9 * TICK),
+            self.random.uniform(0.0, 0.9 * self.tick),
             self.random.uniform(0.0, 1e5),
-            before.wrong,
+            wrong=before.wrong,
             readonly=readonly,
         )
+
+    def end(self, name: str) -> None:
+        """A candidate ends in good order; its last position, sent when it leads no more, is lost."""
+        process = self.processes[name]
+        last = self.leader(name).halt(process.now(self.true), "ended")
+        self._send(name, [out for out in last if out.key != POSITION.key(self.mission.leader)])
+        process.alive = False
+
+    def end_twins(self) -> None:
+        for name in self.processes:
+            self.processes[name].alive &= not name.endswith(TWIN)
 
     def restart(self, name: str) -> None:
         """A new process; of an agent the stop is kept on its disk, of a candidate its newest term, if any."""
@@ -185,7 +220,7 @@ class Team:
 
     def run(self, seconds: float) -> None:
         """Raises AssertionError as soon as anything does not hold."""
-        for _ in range(round(seconds / TICK)):
+        for _ in range(round(seconds / self.tick)):
             start = self.true
             for name, process in sorted(self.processes.items(), key=lambda item: item[1].phase):
                 self.true = start + process.phase
@@ -193,7 +228,7 @@ class Team:
                 if process.alive and not process.frozen:
                     self._turn(name, process)
                     self._check(name, process)
-            self.true = start + TICK
+            self.true = start + self.tick
 
     def heal(self) -> None:
         """Everything works again, and whoever was dead is started."""
@@ -254,7 +289,7 @@ class Team:
         now = process.now(self.true)
         inbox, process.inbox = process.inbox, []
         if isinstance(process.core, Agent) and self.true >= process.odometry_due:
-            process.odometry_due = self.true + PERIOD - 1e-9
+            process.odometry_due = self.true + self._period - 1e-9
             start = self.mission.robots[name.removesuffix(TWIN)].start
             odometry = Odometry(now.wall, start.position, start.heading, 0.0, 0.0)
             inbox.append(Sample(ODOM.key(process.core.robot), encode(odometry), None, now.mono))
@@ -317,7 +352,7 @@ class Team:
 
     def _sign(self, receiver: str, sample: Sample) -> None:
         """A sign of life on a robot's own side, which is neither cut nor lost, and comes soon."""
-        when = self.true + self.random.uniform(0.0, LONGEST_SIGN)
+        when = self.true + self.random.uniform(0.0, self._longest_sign)
         heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
 
     def _deliver(self, receiver: str, sample: Sample) -> None:

@@ -225,6 +225,9 @@ def test_two_leaders_by_mistake_do_not_both_go_on(mission: Mission) -> None:
     assert not first.leads
     assert ask(first, b'{"do":"run"}').leads is False
     assert ask(first, b'{"do":"rotate","degrees":3.0}').reason.startswith("stands by")
+    first.step(at(7.2), [])
+    assert first.candidacy.leading
+    assert first.candidacy.term > second.candidacy.term
 
 
 def test_release_before_leading_does_not_undo_stop(mission: Mission) -> None:

@@ -178,7 +178,11 @@ def test_new_shape_starts_no_standing_robot(mission: Mission, mode: str) -> None
     ask(leader, f'{{"do":"{mode}"}}'.encode())
     reply = ask(leader, b'{"do":"shape","shape":"near"}')
     assert (reply.ok, reply.mode) == (True, mode)
-    assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {mode}
+    assert reply.reason.endswith("s of running")
+    assert {one.order.mode for one in drive(leader, 1.0, 0.2)} == {mode}
+    placed_shape = leader.plan.shape_transition.placed_shape
+    assert {one.order.mode for one in drive(leader, 1.2, 1.0)} == {mode}
+    assert leader.plan.shape_transition.placed_shape == placed_shape
 
 
 def test_an_unknown_shape_changes_nothing_and_the_legal_ones_are_named(mission: Mission) -> None:

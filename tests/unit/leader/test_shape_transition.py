@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -66,7 +65,6 @@ def want(shape_transition: ShapeTransition, wish: Wish, speed: float = 0.0) -> f
 
 
 def still(shape_transition: ShapeTransition, seconds: float, speed: float = 0.0) -> list[PlacedShape]:
-    """Its shapes while the leader goes straight on."""
     placed_shapes = []
     for _ in range(round(seconds / PERIOD)):
         shape_transition.advance(PERIOD, 1.0, speed, 1.0 + 0j, 0.0)
@@ -233,15 +231,14 @@ NEAR = 0.02
 class Watched:
     """A fleet, and the worst that was seen of it."""
 
-    def __init__(self, mission: Mission, **how: float) -> None:
-        self.fleet = Fleet(mission, seed=2, **how)  # type: ignore[arg-type]
+    def __init__(self, mission: Mission) -> None:
+        self.fleet = Fleet(mission, seed=2)
         self.closest, self.worst, self.near = float("inf"), 0.0, 0.0
 
-    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+    def run(self, seconds: float) -> None:
         fleet, mission = self.fleet, self.fleet.mission
         self.closest, self.worst, self.near, began = float("inf"), 0.0, 0.0, fleet.now
-        while fleet.now < began + seconds and not until():
-            fleet.run(0.05)
+        for _ in fleet.every(0.05, seconds):
             bodies = [fleet.world._hosted[name].plant.position for name in mission.followers]
             self.closest = min(self.closest, *(abs(one - other) for one, other in combinations(bodies, 2)))
             self.worst = max(self.worst, self.lag())
@@ -256,23 +253,6 @@ class Watched:
     def want(self, request: str) -> None:
         reply = ask(self.fleet.leader, request.encode())
         assert reply.ok, reply.reason
-
-
-@pytest.mark.slow
-def test_from_hexagon_to_line_to_wedge_while_driving(record_property: Callable[[str, object], None]) -> None:
-    watched = Watched(THREE)
-    watched.run(15.0)
-    for shape in ("line", "wedge"):
-        since = watched.fleet.now
-        watched.want(f'{{"do":"shape","shape":"{shape}"}}')
-        watched.run(9.0)
-        record_property(f"{shape}: under 2 cm after [s]", watched.near)
-        record_property(f"{shape}: least distance of two robots [m]", watched.closest)
-        assert watched.near < 7.0
-        assert watched.closest > 2.0 * TOUCHING
-        assert watched.worst < 0.8  # over nine edges; a jump of the slots would make it over 10 m
-        assert most_sudden(watched.fleet, since, rests=True) < 0.5
-    assert watched.fleet.within_limits
 
 
 @pytest.mark.slow
@@ -309,61 +289,3 @@ def test_a_shape_that_turns_goes_round_a_corner_behind_its_leader() -> None:
     ahead = watched.fleet.points()
     assert abs(ahead[3] - ahead[0] - (0.0 - 2.0j)) < NEAR
     assert watched.fleet.within_limits
-
-
-@pytest.mark.slow
-def test_while_the_team_holds_no_slot_moves_and_then_none_jumps() -> None:
-    watched = Watched(THREE)
-    watched.run(15.0)
-    watched.want('{"do":"hold"}')
-    watched.run(1.0)
-    placed_shape, where = watched.fleet.leader.plan.shape_transition.placed_shape, watched.fleet.points()
-    reply = ask(watched.fleet.leader, b'{"do":"shape","shape":"line"}')
-    assert reply.reason.endswith("s of running")
-    watched.run(2.0)
-    assert watched.fleet.leader.plan.shape_transition.placed_shape == placed_shape
-    assert watched.fleet.points() == pytest.approx(where, abs=1e-3)
-    since = watched.fleet.now
-    watched.want('{"do":"run"}')
-    watched.run(10.0)
-    assert watched.worst < 0.8
-    assert watched.fleet.error() < NEAR
-    assert most_sudden(watched.fleet, since, rests=True) < 0.5
-
-
-@pytest.mark.slow
-def test_leader_restarted_during_shape_transition_continues_it() -> None:
-    watched = Watched(THREE)
-    watched.run(15.0)
-    watched.want('{"do":"shape","shape":"line"}')
-    watched.run(1.5)
-    before = watched.fleet.leader.where(watched.fleet.now)
-    watched.fleet.kill("leader")
-    watched.run(1.5)
-    watched.fleet.restart("leader")
-    watched.run(0.3, lambda: watched.fleet.leader.leads)
-    assert abs(watched.fleet.leader.where(watched.fleet.now) - before) < 0.03
-    watched.run(12.0)
-    assert watched.worst < 9 * 0.4  # over nine edges; robots have rolled on for a moment, and come back
-    assert watched.fleet.error() < NEAR
-    assert watched.fleet.leader.plan.shape_transition.wish.shape == "line"
-    assert watched.fleet.within_limits
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rest", ["hold", "stop"])
-def test_restarted_leader_keeps_stop_and_hold(rest: str) -> None:
-    watched = Watched(THREE)
-    watched.run(8.0)
-    watched.want(f'{{"do":"{rest}"}}')
-    watched.run(1.0)
-    where = watched.fleet.points()
-    watched.fleet.restart("leader")
-    watched.run(4.0)
-    assert watched.fleet.leader.mode == rest
-    assert watched.fleet.points() == pytest.approx(where, abs=0.02)
-    watched.want('{"do":"release"}')
-    watched.want('{"do":"run"}')
-    watched.run(12.0)
-    assert watched.fleet.error() < NEAR
-    assert abs(watched.fleet.points()[0] - where[0]) > 2.0
