@@ -87,7 +87,11 @@ def warnings(mission: Mission) -> Iterator[str]:
         f"{_named(mission)}: the filter keeps {least.first} off its slot "
         f"in {least.shape}, {least.distance:.3g} m from {least.second}'s, "
         f"behind a leader at {max(leg.speed for leg in mission.route):.3g} m/s; "
-        + (f"should be at most {legal:g} m" if legal > 0.0 else "slots should be further apart, or the leader slower")
+        + (
+            f"should be at most {legal:g} m"
+            if legal > 0.0
+            else "place slots further apart, or slow the leader"
+        )
     )
 
 

@@ -119,7 +119,7 @@ def test_warning_names_robot_slot_and_greatest_margin() -> None:
     assert result in analyse(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0)).warnings
     tight = scenarios.build(np.array([0, -0.3, -0.6, -0.9 + 0j]), ((), (0,), (1,), (2,)))
     (result,) = warnings(scenarios.clearing(tight))
-    assert result.endswith("slots should be further apart, or the leader slower")
+    assert result.endswith("place slots further apart, or slow the leader")
 
 
 def test_warning_counts_stated_delay_and_noise() -> None:

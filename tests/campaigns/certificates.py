@@ -1,0 +1,180 @@
+"""What `formation check` says is proven of random missions, and what happens to them.
+
+python -m tests.campaigns.certificates [--missions N] [--short N] [--jobs N]
+
+Each mission is simulated with ideal bodies, without ramp and collision filter, as its certificate assumes:
+
+| it says | what is to happen |
+|---|---|
+| every start | all random starts settle |
+| near formation | starts within a millimetre of the slots settle |
+| none | their errors do not fall below a millimetre |
+| an error on curves | robots err by as much, and not more, on a circle |
+
+Prints the counts, and each mission that contradicts its certificate, by its seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.mission.graph import cyclic_core
+from formation.mission.model import Mission
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
+from formation.stability.analysis import analyse
+from tests.campaigns.document import count
+from tests.campaigns.figures import markdown
+from tests.campaigns.safety.part import reported
+from tests.unit.formation import scenarios
+
+IDEAL = Options(body=Body(), avoid=False)
+NEAR = 1e-3
+"""Starts near formation are off by at most this on each axis [m]."""
+MAX_GAIN_SHARE = 1.5
+"""Greatest gain times control period: nearer to 2, the limit near formation, first headings that are not
+known leave a swing that the limits of the robots keep up [–]."""
+LEAST_CURVE_ERROR = 1e-4
+"""Certified errors below are not compared [m]."""
+MAX_CURVE_RATIO = 1.02
+"""Measured error on a circle over the certified one, at most [–]: what has not yet settled counts."""
+
+
+class Outcome(NamedTuple):
+    """One mission."""
+
+    seed: int
+    says: str
+    cyclic: bool
+    holds: bool
+    """Whether what happened agrees with the certificate."""
+    ratio: float
+    """Largest certified error on a circle over the measured one; NaN without a circle."""
+    found: str
+
+
+def drawn(seed: int, *, short: bool) -> Mission:
+    """A random mission of 3 to 8 robots, 2 to 4 if `short`.
+
+    Every third has a cycle if it can; every other of the rest a leader on a circle.
+    """
+    rng = np.random.default_rng(seed)
+    robots = int(rng.integers(2, 5) if short else rng.integers(3, 9))
+    cyclic = seed % 3 == 0 and robots > 2
+    others = robots if cyclic else 0
+    neighbours = [
+        sorted({int(rng.integers(0, one)), int(rng.integers(0, max(others, one)))} - {one})
+        for one in range(1, robots)
+    ]
+    slots = -0.7 * np.arange(robots) + 1j * rng.uniform(-1.0, 1.0, robots)
+    offset, top, turn = (float(rng.uniform(*ends)) for ends in ((0.05, 0.3), (0.2, 2.0), (0.5, 3.0)))
+    speed = float(rng.uniform(0.02, 0.95)) * min(top, offset * turn)
+    route: dict[str, Any] = {"speed": speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
+    if seed % 2 and not cyclic:
+        route = {"speed": speed, "radius": float(rng.uniform(1.0, 5.0))}
+    rate = float(rng.choice([10.0, 20.0, 50.0]))
+    law: dict[str, Any] = {"leader_orders": "none"}
+    if seed % 5 == 0:
+        law["gain"] = float(np.exp(rng.uniform(np.log(0.5), np.log(MAX_GAIN_SHARE * rate))))
+    robot = {"control_point_offset": offset, "max_speed": top, "max_turn_rate": turn, "rate": rate}
+    return scenarios.build(slots - slots[0], [[], *neighbours], route, law=law, robot=robot)
+
+
+def tried(seed: int, *, short: bool) -> Outcome:
+    """Compare a mission's certificate with simulations."""
+    mission = drawn(seed, short=short)
+    found = analyse(mission).certificate
+    cyclic = bool(cyclic_core(mission.graph))
+    near = found.convergence != "every start"
+    result = simulate(
+        mission, runs=1 if short else 10, seed=seed, horizon=40.0 if short else 120.0, step=step_of(mission),
+        options=IDEAL, starts="random", spread=NEAR if near else 2.0,
+    )  # fmt: skip
+    holds = bool(result.converged.all())
+    if found.convergence == "none":  # limits may keep the swing below the mission's bound
+        holds = bool((result.final_error > NEAR).all())
+    ratio = curve_ratio(mission, found.curve_errors) if found.convergence == "every start" else math.nan
+    if not math.isnan(ratio) and ratio < 1.0 / MAX_CURVE_RATIO:
+        holds = False
+    what = f"{found.convergence}, {int(result.converged.sum())} of {len(result.converged)} starts settle"
+    return Outcome(seed, found.convergence, cyclic, holds, ratio, what)
+
+
+def step_of(mission: Mission) -> float:
+    """The control period of its robots [s]."""
+    return 1.0 / min(mission.robots[name].rate for name in mission.followers)
+
+
+def curve_ratio(mission: Mission, certified: dict[str, float]) -> float:
+    """Certified error of the edge that errs most on a circle, over the measured one; NaN without a circle."""
+    if not certified or max(certified.values()) < LEAST_CURVE_ERROR:
+        return math.nan
+    period = step_of(mission)
+    result = simulate(mission, horizon=60.0, step=period, options=IDEAL, keep=True, starts="mission")
+    history = result.history
+    assert history is not None
+    points = history.position.copy()
+    points[:, 1:] += np.array(history.offset) * history.heading[:, 1:]
+    late, slots = history.time > 50.0, np.array(mission.slots())
+    measured = [
+        float(np.abs(points[late, j] - points[late, i] - slots[j] + slots[i]).mean())
+        for i in range(1, len(slots))
+        for j in mission.graph.neighbours[i]
+    ]
+    return max(certified.values()) / max(measured)
+
+
+def outcomes(missions: int, jobs: int, *, short: bool) -> list[Outcome]:
+    """Try so many missions."""
+    with ProcessPoolExecutor(jobs) as pool:
+        results = pool.map(partial(tried, short=short), range(missions), chunksize=20)
+        tried_ones = reported("short" if short else "full", range(missions))
+        return [one for _, one in zip(tried_ones, results, strict=True)]
+
+
+def table(found: Sequence[Outcome]) -> str:
+    """How often each verdict was given, and how often it was wrong."""
+    rows = []
+    for says, cyclic in sorted({(one.says, one.cyclic) for one in found}):
+        held = Counter(one.holds for one in found if (one.says, one.cyclic) == (says, cyclic))
+        rows.append([says, "yes" if cyclic else "no", f"{held.total()}", f"{held[False]}"])
+    return markdown(("check says", "a cycle", "missions", "contradicted"), rows)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Try, and print; 1 if any mission contradicts its certificate."""
+    flags = argparse.ArgumentParser(prog="python -m tests.campaigns.certificates", description=__doc__)
+    flags.formatter_class = argparse.RawDescriptionHelpFormatter
+    flags.add_argument("--missions", type=count(10**6), default=10_000, help="whole ones (default: 10000)")
+    flags.add_argument("--short", type=count(10**7), default=100_000, help="short ones (default: 100000)")
+    flags.add_argument("--jobs", type=count(64), default=2, help="processes side by side (default: 2)")
+    given = flags.parse_args(words)
+    every: list[Outcome] = []
+    for short, missions in ((False, given.missions), (True, given.short)):
+        found = outcomes(missions, given.jobs, short=short)
+        every += found
+        ratios = [one.ratio for one in found if not math.isnan(one.ratio)]
+        print(f"\n{'short' if short else 'whole'} missions:\n\n{table(found)}")
+        if ratios:
+            low, middle, high = np.percentile(ratios, (0, 50, 100))
+            print(
+                f"certified over measured error on {len(ratios)} circles: {low:.3f}, {middle:.3f}, {high:.3f}"
+            )
+    for one in every:
+        if not one.holds:
+            print(f"seed {one.seed}: {one.found}, ratio {one.ratio:.3f}")
+    return 0 if all(one.holds for one in every) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
