@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 
-from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.body import Body
 from formation.simulation.ensemble import Options as Simulated
@@ -17,6 +16,7 @@ from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
 from tests.campaigns.safety.missions import made
 from tests.campaigns.safety.part import Options, bar, reported
+from tests.support.missions import with_robots
 
 TITLE = "Imperfect sensing"
 NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)
@@ -26,7 +26,7 @@ SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1
 RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 """Starts of each; [s]; a final error above this is a robot left behind [m]."""
 ABOUT = f"""\
-The shipped `six_robots` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s for each
+`six_robots` with `avoid = "all"` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s for each
 pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of each
 other), with the collision filter. The mission states the noise where it is more than the default. A run
 *leaves robots behind* when its error, summed over edges, is above
@@ -38,7 +38,7 @@ each shape, {SEVEN_RUNS} starts each with {1e3 * NOISES[-1]:g} mm of noise, whic
 def run(options: Options) -> Found:
     runs = 20 if options.quick else RUNS
     pairs = list(product(NOISES, DELAYS))
-    six = load("six_robots")
+    six = with_robots("six_robots", avoid="all")
     cells = [cell(six, noise, delay, runs) for noise, delay in reported("imperfect", pairs)]
     seven_runs, shapes = (10, list(SHAPES)[:2]) if options.quick else (SEVEN_RUNS, list(SHAPES))
     seven = [
