@@ -78,7 +78,8 @@ def drawn(seed: int, *, short: bool) -> Mission:
     ]
     slots = -0.7 * np.arange(robots) + 1j * rng.uniform(-1.0, 1.0, robots)
     offset, top, turn = (float(rng.uniform(*ends)) for ends in ((0.05, 0.3), (0.2, 2.0), (0.5, 3.0)))
-    speed = float(rng.uniform(0.02, 0.95)) * min(top, offset * turn)
+    most = 0.5 if short else 0.95  # there is no time to catch up with a fast leader
+    speed = float(rng.uniform(0.02, most)) * min(top, offset * turn)
     route: dict[str, Any] = {"speed": speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
     if seed % 2 and not cyclic:
         route = {"speed": speed, "radius": float(rng.uniform(1.0, 5.0))}

@@ -1,4 +1,4 @@
-"""Who leads: never two at once, and somebody, once the leader no longer does."""
+"""Elections: two processes never lead at once, and a standby leads when the leader fails."""
 
 from __future__ import annotations
 
