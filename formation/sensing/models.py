@@ -13,7 +13,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from formation.ros2.laser_scan import LaserScan
+from formation.ros2.laser_scan import MAX_BEAMS, LaserScan
 
 ModelName = Literal["lds_01", "lds_02", "rplidar_a1"]
 
@@ -83,7 +83,9 @@ class ScannerModel(NamedTuple):
         limited, step, count = (
             replace(scan, range_min=nearest, range_max=furthest), scan.angle_increment, len(scan.ranges),
         )  # fmt: skip
-        if step <= 0.0:
+        if (
+            step <= math.tau / MAX_BEAMS
+        ):  # a full turn would be too long
             return limited
         total = max(count, round(math.tau / step))
         before = min(total - count, max(0, int((scan.angle_min - self.angle_min) / step)))

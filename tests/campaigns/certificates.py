@@ -29,16 +29,14 @@ import numpy as np
 
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
-from formation.simulation.body import Body
-from formation.simulation.ensemble import Options
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
 from tests.campaigns.document import count
 from tests.campaigns.figures import markdown
 from tests.campaigns.safety.part import reported
 from tests.unit.formation import scenarios
+from tests.unit.formation.scenarios import IDEAL, edge_errors
 
-IDEAL = Options(body=Body(), avoid=False)
 NEAR = 1e-3
 """Starts near formation are off by at most this on each axis [m]."""
 MAX_GAIN_SHARE = 1.5
@@ -120,19 +118,7 @@ def curve_ratio(mission: Mission, certified: dict[str, float]) -> float:
     """Certified error of the edge that errs most on a circle, over the measured one; NaN without a circle."""
     if not certified or max(certified.values()) < LEAST_CURVE_ERROR:
         return math.nan
-    period = step_of(mission)
-    result = simulate(mission, horizon=60.0, step=period, options=IDEAL, keep=True, starts="mission")
-    history = result.history
-    assert history is not None
-    points = history.position.copy()
-    points[:, 1:] += np.array(history.offset) * history.heading[:, 1:]
-    late, slots = history.time > 50.0, np.array(mission.slots())
-    measured = [
-        float(np.abs(points[late, j] - points[late, i] - slots[j] + slots[i]).mean())
-        for i in range(1, len(slots))
-        for j in mission.graph.neighbours[i]
-    ]
-    return max(certified.values()) / max(measured)
+    return max(certified.values()) / max(edge_errors(mission, step=step_of(mission)).values())
 
 
 def outcomes(missions: int, jobs: int, *, short: bool) -> list[Outcome]:

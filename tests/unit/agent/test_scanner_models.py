@@ -55,6 +55,13 @@ def test_limits_are_those_of_the_data_sheet() -> None:
     }
 
 
+def test_scan_of_too_fine_beams_is_not_completed() -> None:
+    fine = LaserScan(0.0, 0.0, 1e-4, 0.12, 3.5, (1.0,) * 100)
+    assert all(len(model.corrected(fine).ranges) == 100 for model in MODELS.values())
+    coarse = LaserScan(0.0, 0.0, math.tau / 360, 0.12, 3.5, (1.0,) * 100)
+    assert all(len(model.corrected(coarse).ranges) == 360 for model in MODELS.values())
+
+
 def test_faster_lds_02_has_fewer_beams() -> None:
     centre = cmath.rect(0.8, 0.5)
     scans = [sent("lds_02", [(centre, TOWER)], seed, count=230) for seed in range(50)]
@@ -70,7 +77,7 @@ def test_range_of_zero_is_a_lost_beam() -> None:
 
 
 class Driven(Turning):
-    """The robot of `Turning` with a scanner of a known model, whose driver sends what it sees."""
+    """The robot of `Turning`; its scanner has a known model, and its scans come as that driver sends them."""
 
     def __init__(self, model: str, mission: Mission) -> None:
         super().__init__(mission, against=True, off=0.03 - 0.02j, turned=0.03)

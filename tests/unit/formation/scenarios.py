@@ -9,7 +9,9 @@ import numpy as np
 
 from formation.control.arrays import ComplexArray
 from formation.mission.model import Mission
-from formation.simulation.simulate import Result
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import Result, simulate
 
 HEXAGON: ComplexArray = np.exp(1j * np.pi / 3.0 * np.arange(6)) - 1.0
 TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi / 6.0])) + np.array(
@@ -18,6 +20,8 @@ TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi /
 TWO_AHEAD = ((), (0,), (0, 1), (1, 2), (2, 3), (3, 4))
 """Six robots, each measuring the two before it."""
 STRAIGHT_ON = {"speed": 0.2, "heading_deg": 30.0}
+IDEAL = Options(body=Body(), avoid=False)
+"""Bodies as certificates assume them, without collision filter."""
 
 
 def build(
@@ -52,6 +56,28 @@ def build(
             "robot": {"ramp": 0.0, **tables.get("robot", {})},
         }
     )
+
+
+def random_neighbours(rng: np.random.Generator, count: int) -> list[list[int]]:
+    """For each of `count` robots one or two of those before it; none for the leader."""
+    return [sorted(set(rng.integers(0, one, min(one, 2)).tolist())) if one else [] for one in range(count)]
+
+
+def edge_errors(mission: Mission, horizon: float = 60.0, step: float = 0.05) -> dict[str, float]:
+    """Mean error of each follower's worst edge in the last ten seconds of a simulation [m]."""
+    result = simulate(mission, horizon=horizon, step=step, options=IDEAL, keep=True, starts="mission")
+    history = result.history
+    assert history is not None
+    points = history.position.copy()
+    points[:, 1:] += np.array(history.offset) * history.heading[:, 1:]
+    late, slots = history.time > horizon - 10.0, np.array(mission.slots())
+    return {
+        name: max(
+            float(np.abs(points[late, j] - points[late, i] - slots[j] + slots[i]).mean())
+            for j in mission.graph.neighbours[i]
+        )
+        for i, name in enumerate(mission.followers, start=1)
+    }
 
 
 def clearing(mission: Mission, avoid: object = "all", **collisions: Any) -> Mission:

@@ -10,15 +10,14 @@ from pydantic import ValidationError
 
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.simulation.body import Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
 from formation.stability.certificate import certificate, curve_errors
 from tests.support.missions import with_robots
 from tests.unit.formation import scenarios
+from tests.unit.formation.scenarios import IDEAL, edge_errors
 
-IDEAL = Options(body=Body(), avoid=False)
 SIX = load("six_robots")
 CIRCLE = {"radius": 1.2, "speed": 0.2}
 
@@ -27,28 +26,11 @@ def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = N
     """A random mission without cycles, of 3 to 8 robots that do at once what they are told."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 9))
-    neighbours = [sorted(set(rng.integers(0, i, min(i, 2)).tolist())) if i else [] for i in range(count)]
+    neighbours = scenarios.random_neighbours(rng, count)
     slots = -0.7 * np.arange(count) + 1j * rng.uniform(-1.0, 1.0, count)
     slots -= slots[0]
     way = route or {"speed": leader_speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
     return scenarios.build(slots, neighbours, way, law={"leader_orders": "none", **law})
-
-
-def edge_errors(mission: Mission, horizon: float = 60.0) -> dict[str, float]:
-    """Mean error of each follower's worst edge in the last ten seconds of a simulation [m]."""
-    result = simulate(mission, horizon=horizon, step=0.05, options=IDEAL, keep=True, starts="mission")
-    history = result.history
-    assert history is not None
-    points = history.position.copy()
-    points[:, 1:] += np.array(history.offset) * history.heading[:, 1:]
-    late, slots = history.time > horizon - 10.0, np.array(mission.slots())
-    return {
-        name: max(
-            float(np.abs(points[late, j] - points[late, i] - slots[j] + slots[i]).mean())
-            for j in mission.graph.neighbours[i]
-        )
-        for i, name in enumerate(mission.followers, start=1)
-    }
 
 
 @pytest.mark.parametrize("leader_orders", ["none", "velocity"])
