@@ -83,9 +83,7 @@ class ScannerModel(NamedTuple):
         limited, step, count = (
             replace(scan, range_min=nearest, range_max=furthest), scan.angle_increment, len(scan.ranges),
         )  # fmt: skip
-        if (
-            step <= math.tau / MAX_BEAMS
-        ):  # a full turn would be too long
+        if step <= math.tau / MAX_BEAMS:  # a full turn would be too long
             return limited
         total = max(count, round(math.tau / step))
         before = min(total - count, max(0, int((scan.angle_min - self.angle_min) / step)))
