@@ -80,6 +80,8 @@ class ScannerState:
     """When the newest scan ended [s, monotonic]."""
     range_min: float = 0.0
     """Of the newest scan [m]."""
+    overhang: float = 0.0
+    """Distance by which a body may reach beyond what the newest scan shows of it [m]."""
     repeated: Repeated | None = None
     """How the newest scan repeats those before; None if it hit nothing."""
     frozen: Reason | None = None
@@ -101,6 +103,7 @@ class Scanner:
         self.state = ScannerState(stream=self.stream.state)
         self._scan, self._radius, self._limits = spec.scan, spec.radius, spec.limits
         self._margin = spec.margin
+        self._overhangs = {name: mission.robots[name].overhang for name in mission.followers if name != robot}
         # distance from the scanner to what is outside of body and margin [m]
         self._sees_from = spec.radius + spec.margin - abs(spec.scan.mount.at)
         self._body = Body(spec.radius, spec.margin, spec.scan.lag)
@@ -113,9 +116,9 @@ class Scanner:
 
     @property
     def margin(self) -> float:
-        """Width of the free space around the robot that keeps obstacles in sight [m]."""
+        """Width of the free space around the robot: keeps obstacles in sight, and bodies apart [m]."""
         seen_from = self.state.range_min + abs(self._scan.mount.at) - self._radius
-        return max(self._margin, seen_from + RANGE_NOISE)
+        return max(self._margin + self.state.overhang, seen_from + RANGE_NOISE)
 
     def moved(self, moment: float, moving: Command) -> None:
         """Store the speeds that the robot reports at `moment` [s, monotonic].
@@ -230,9 +233,12 @@ class Scanner:
         """What was measured besides `mates` [body frame, now]; nothing if the scan is old.
 
         `mates` are robots of the team that are avoided at positions known from elsewhere; they are
-        expected where they were when the scan was made.
+        expected where they were when the scan was made. All other robots of the team may be among the
+        strangers: `margin` then includes how far their bodies reach beyond what is seen of them.
         """
         state = self.state
+        known = {mate.name for mate in mates}
+        state.overhang = max((one for name, one in self._overhangs.items() if name not in known), default=0.0)
         self._follow(now.mono)
         if not self.fresh(now):
             return []

@@ -81,7 +81,8 @@ odometry_frame = "start"     # its odometry begins with zero where it is switche
 speed_step = 0.01            # its node cuts commands to hundredths,
 turn_rate_step = 0.01        # which error feedback makes up for
 scanner = "required"         # its LDS-01: what it sees it avoids, and without scans it holds
-scan = { rate = 5, x = -0.032, margin = 0.05 }   # mounted 32 mm behind the axle
+scan = { model = "lds_01", x = -0.032, margin = 0.05 }   # mounted 32 mm behind the axle
+seen = { radius = 0.035, x = -0.032 }   # scanners see each other's scanners and nothing else of a robot
 """,
         simulated="""
 [simulated_robot]

@@ -196,6 +196,12 @@ class RobotDefaults(Table):
         return 0.0 if model is None else max(0.0, model.range_min + abs(self.scan.mount.at) - self.radius)
 
     @property
+    def overhang(self) -> float:
+        """Distance by which its body may reach beyond what scanners see of it [m]."""
+        seen = self.radius if self.seen.radius is None else self.seen.radius
+        return max(0.0, self.radius + abs(self.seen.at) - seen)
+
+    @property
     def margin(self) -> float:
         """Free distance that it keeps around its radius [m]."""
         return max(MIN_MARGIN, self.unseen_margin) if self.scan.margin is None else self.scan.margin

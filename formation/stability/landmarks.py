@@ -1,4 +1,4 @@
-"""Can robots that correct their poses by their scanners see each other? Warnings before any robot moves."""
+"""Can robots see each other with their scanners? Warnings before any robot moves."""
 
 from __future__ import annotations
 
@@ -6,9 +6,27 @@ from collections.abc import Iterator
 
 from formation.mission.model import Mission
 
+BURGER_SEEN = "seen = { radius = 0.035, x = -0.032 }"
+"""What scanners see of a TurtleBot3 Burger, as a mission states it: its own scanner."""
+
+
+def unstated(mission: Mission) -> Iterator[str]:
+    """TurtleBot3 Burgers of which a mission says that scanners see their bodies, which are lower."""
+    if mission.simulated_robot.profile != "turtlebot3_burger":
+        return
+    if all(mission.robots[name].scanner == "none" for name in mission.followers):
+        return
+    names = [name for name in mission.followers if mission.robots[name].seen.radius is None]
+    if names:
+        yield (
+            f"{', '.join(names)}: other scanners see a TurtleBot3 Burger's scanner, not its body, so robots"
+            f" may touch or not find each other; say {BURGER_SEEN} under [robot]"
+        )
+
 
 def warnings(mission: Mission) -> Iterator[str]:
     """Robots that drift apart, or are out of sight of each other."""
+    yield from unstated(mission)
     seeing = [name for name in mission.followers if mission.robots[name].measurement == "scan"]
     alone = [name for name in seeing if not mission.landmarks_of(name)]
     if len(alone) > 1:

@@ -73,6 +73,15 @@ class Deck(NamedTuple):
     """[m above the floor]"""
 
 
+class Seen(NamedTuple):
+    """The upright cylinder that other robots' scanners see."""
+
+    x: float
+    """Its axis ahead of the wheels' axle [m]."""
+    radius: float
+    """[m]"""
+
+
 class Chassis(NamedTuple):
     """A robot with two driven wheels; x is ahead of the axle, z above the floor."""
 
@@ -146,14 +155,17 @@ def burger() -> Chassis:
     )
 
 
-def scaled(radius: float, max_speed: float, max_turn_rate: float) -> Chassis:
-    """Return a robot of `radius` [m] with motors that reach both limits [m/s; rad/s] at once."""
+def scaled(radius: float, max_speed: float, max_turn_rate: float, seen: Seen) -> Chassis:
+    """Return a robot of `radius` [m] with motors that reach both limits [m/s; rad/s] at once.
+
+    `seen` is what stands at the height of its scanner.
+    """
     size, one = radius / BURGER_RADIUS, burger()
     wheel_radius, track = one.wheel_radius * size, one.track * size
     return one._replace(
         deck=Deck(0.0, radius, one.deck.bottom * size, one.deck.top * size),
         sides=None,
-        lds=Deck(0.0, *(value * size for value in one.lds[1:])),
+        lds=Deck(*seen, one.lds.bottom * size, one.lds.top * size),
         wheel_radius=wheel_radius,
         track=track,
         casters=(-0.081 * size, 0.081 * size),
@@ -174,7 +186,8 @@ def chassis_of(spec: RobotSpec, *, is_burger: bool) -> Chassis:
     """Return the construction of this robot of a mission."""
     if is_burger:
         return burger()
-    return scaled(spec.radius, spec.max_speed, spec.max_turn_rate)
+    seen = Seen(spec.seen.x, spec.radius if spec.seen.radius is None else spec.seen.radius)
+    return scaled(spec.radius, spec.max_speed, spec.max_turn_rate, seen)
 
 
 class Placed(NamedTuple):

@@ -14,6 +14,7 @@ needs.leave_out_without("physics")
 
 from formation.agent.simulated.physics.world import World  # noqa: E402 - only where there is MuJoCo
 from formation.agent.simulated.simulated import World as Hosted  # noqa: E402
+from formation.deploy.testing.rehearsed import RehearsedFleet  # noqa: E402
 from formation.mission.file import parse, read  # noqa: E402
 from formation.mission.model import Mission  # noqa: E402
 from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
@@ -40,6 +41,12 @@ def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_tr
     errors = team.errors(10.0)
     assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
     assert not team.world.touched
+
+
+def test_convoy_finds_its_robots_by_what_stands_at_their_scanners() -> None:
+    fleet = RehearsedFleet("convoy", world="mujoco")
+    fleet.run(10.0)
+    assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
 
 
 @pytest.mark.slow

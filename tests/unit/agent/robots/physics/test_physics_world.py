@@ -188,5 +188,5 @@ def test_scanner_measures_distance_to_post_wall_and_robot() -> None:
     assert ranges.shape == (360,)
     assert ranges[0] == pytest.approx(1.99, abs=0.001)  # ahead: the wall
     assert ranges[270] == pytest.approx(0.9, abs=0.001)  # to the right: the post
-    assert ranges[90] == pytest.approx(1.0 - world.chassis["robot3"].lds.radius, abs=0.001)  # to the left
+    assert ranges[90] == pytest.approx(1.0 - mission.robots["robot3"].radius, abs=0.001)  # to the left
     assert math.isinf(ranges[180])  # behind: nothing within its range
