@@ -72,14 +72,23 @@ class Operator:
 
     def drive(self, forward: float, turn_rate: float, seconds: float) -> None:
         """Drive the leader by hand for `seconds`, at `forward` [m/s] and `turn_rate` [rad/s], then let go."""
-        end = self._fleet.engine.now + seconds
-        self._drive(Remote(self._fleet.mission, f"driver-{self._number}"), (forward, turn_rate), end)
+        self.drive_by(lambda _: (forward, turn_rate), seconds)
+
+    def drive_by(self, velocity: Callable[[float], tuple[float, float]], seconds: float) -> None:
+        """Drive the leader by hand for `seconds`, then let go.
+
+        `velocity` gives forward speed [m/s] and turn rate [rad/s] at a time since now [s].
+        """
+        now = self._fleet.engine.now
+        self._drive(Remote(self._fleet.mission, f"driver-{self._number}"), velocity, now, now + seconds)
         self._number += 1
 
-    def _drive(self, remote: Remote, velocity: tuple[float, float], end: float) -> None:
+    def _drive(
+        self, remote: Remote, velocity: Callable[[float], tuple[float, float]], began: float, end: float
+    ) -> None:
         now = self._fleet.engine.now
         over = now >= end - 0.5 * PERIOD_SECONDS
-        keys, payload = remote.request(*((0.0, 0.0) if over else velocity), now)
+        keys, payload = remote.request(*((0.0, 0.0) if over else velocity(now - began)), now)
 
         def take_reply(data: bytes) -> None:
             remote.answered([data], now, self._fleet.engine.now)
@@ -87,7 +96,7 @@ class Operator:
         for key in keys:
             self._fleet.fleet.ask(DESK, key, payload, take_reply)
         if not over:
-            self._later(PERIOD_SECONDS, lambda: self._drive(remote, velocity, end))
+            self._later(PERIOD_SECONDS, lambda: self._drive(remote, velocity, began, end))
 
     def _later(self, seconds: float, action: Callable[[], object]) -> None:
         self._fleet.engine.at(self._fleet.engine.now + seconds, action)
