@@ -238,7 +238,7 @@ class Agent:
         outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
         ordered = self.orders.newest
         self.state.availability.judge(self.state.decision, ordered, now.mono)
-        if ordered is None or ordered.mode != "run" or self.latch.mode is not None:
+        if self._rests_by_operator:
             self._probe.rearm()
             self.neighbours.trust_all(now.mono)
             if self.here.map_frame is not None:
@@ -248,6 +248,17 @@ class Agent:
         if self._tells_position:  # here, as a replica of this agent only acts
             self._answers.record_sent(self.here.stream.state.stamp, now.mono)
         return outbox
+
+    @property
+    def _rests_by_operator(self) -> bool:
+        """Whether an operator holds or stops the robot, and so looks after what it distrusts.
+
+        A leader that nobody drives orders to hold as well, and a new leader until it is driven.
+        """
+        ordered = self.orders.newest
+        if self.latch.mode is not None or ordered is None:
+            return self.latch.mode is not None
+        return ordered.mode == "stop" or (ordered.mode == "hold" and ordered.holding)
 
     @property
     def _tells_position(self) -> bool:

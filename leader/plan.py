@@ -192,17 +192,16 @@ class Plan:
 
     def drive(self, request: OperatorRequest, received: float) -> Result:
         """Take a driver's velocity, received at `received` [s, monotonic]."""
-        mode = self.team_mode
-        if not self.driven and mode.replace_lost():
-            self._drive_from_here()
-        if mode.rest.mode or mode.base_mode == "hold":
-            if mode.rest.stop:
-                return Result(ok=False, reason="stopped: release it, then order run", code="stopped")
-            return Result(ok=False, reason="held: order run first")
+        mode, held = self.team_mode, Result(ok=False, reason="held: order run first")
+        if mode.rest.stop:
+            return Result(ok=False, reason="stopped: release it, then order run", code="stopped")
+        if mode.rest.mode or (mode.base_mode == "hold" and mode.lost is None):
+            return held
         velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
         result = self.driver.accept(request.id, velocity, request.token or 0, received)
         if result.ok and not self.driven:
             self._drive_from_here()
+            return held if mode.replace_lost() else result
         return result
 
     def _drive_from_here(self, velocity: Velocity = STANDS) -> None:
@@ -224,12 +223,14 @@ class Plan:
         """Return what would leave the bounds in `dt` [s] and `BOUNDS_STOP_TIME` more."""
         time = self.route_time + dt + BOUNDS_STOP_TIME
         here, there = self.where(), self.route.where(time)
-        placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
-        if here == there or self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
+        facing, turned = self.route.heading(self.route_time), self.route.heading(time)
+        if here == there and facing == turned:
             return None
-        placed_shapes = self.shape_transition.ahead(self.route.heading(time))
-        now = self._fence.breach(placed_shapes, here, self._fence.clearance)
-        then = self._fence.breach(placed_shapes, there, self._fence.clearance)
+        placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
+        if self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
+            return None
+        now = self._fence.breach(self.shape_transition.ahead(facing), here, self._fence.clearance)
+        then = self._fence.breach(self.shape_transition.ahead(turned), there, self._fence.clearance)
         return None if then.excess <= max(now.excess, 0.0) + LENGTH_TOLERANCE else then
 
     def learn(self, route: NamedRoute) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
-from formation.deploy.driving.inputs import RELEASED, Gamepad, Keys, Share, Twists
+from formation.deploy.driving.inputs import KEY_SECONDS, QUIT, RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.driving.ros import add_router, listening
 from formation.deploy.refusal import Refusal, refusing
@@ -127,7 +127,7 @@ class _Drive:
 def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Iterator[Callable[[], Share]]:
     """Yield a function that reads the chosen input. Raises Refusal."""
     if options.topic:
-        with listening(options.ros, (options.topic,)) as bus:
+        with listening(options.ros, (options.topic,), options.domain) as bus:
             yield _twists(Twists(speed, turn_rate), bus)
     elif options.gamepad:
         with _gamepad(options.gamepad) as read:
@@ -179,17 +179,22 @@ def _keys() -> Iterator[Callable[[], Share]]:
     import tty  # noqa: PLC0415
 
     file, keys = sys.stdin.fileno(), Keys()
-    before = termios.tcgetattr(file)
+    before, last_read = termios.tcgetattr(file), time.monotonic()
 
     def read() -> Share:
+        nonlocal last_read
+        now = time.monotonic()
+        waited, last_read = now - last_read > KEY_SECONDS, now
         while select.select([file], [], [], 0.0)[0]:
             data = os.read(file, 64)
             if not data:
                 raise Ended(1, "the terminal is gone: all robots hold")
-            keys.press(data.decode(errors="replace"), time.monotonic())
+            text = data.decode(errors="replace")
+            if not waited or QUIT & set(text):  # keys that have waited may have been let go
+                keys.press(text, now)
         if keys.quits:
             raise Ended(0, "drive ended: all robots hold")
-        return keys.velocity(time.monotonic()) or RELEASED
+        return keys.velocity(now) or RELEASED
 
     try:
         tty.setcbreak(file)

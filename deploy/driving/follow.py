@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
         where = wiring.endpoints(mission).agents
         links = Links((), tuple(where[name] for name in mission.candidates))
         bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
-        ros = stack.enter_context(listening(options.ros, topics))
+        ros = stack.enter_context(listening(options.ros, topics, options.domain))
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         while True:
             ros.wait(PERIOD_SECONDS)

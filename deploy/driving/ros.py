@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig
 
+MAX_DOMAIN = 232
+"""Greatest ROS domain id."""
 ROUTER = "tcp/127.0.0.1:7447"
 """Where zenoh-bridge-ros2dds and rmw_zenohd listen."""
 
 
 def add_router(options: argparse.ArgumentParser) -> None:
-    """Add the flag that names the bridge or router."""
+    """Add the flags that name the bridge or router, and the ROS domain."""
+    options.add_argument(
+        "--domain",
+        type=_domain,
+        default=os.environ.get("ROS_DOMAIN_ID") or "0",
+        metavar="ID",
+        help="ROS domain of the topics with rmw_zenoh (default: ROS_DOMAIN_ID, or 0)",
+    )
     options.add_argument(
         "--ros",
         default=ROUTER,
@@ -23,15 +33,22 @@ def add_router(options: argparse.ArgumentParser) -> None:
     )
 
 
+def _domain(text: str) -> int:
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 0 to {MAX_DOMAIN}")
+    return int(text)
+
+
 @contextmanager
-def listening(endpoint: str, topics: tuple[str, ...]) -> Iterator[Bus]:
+def listening(endpoint: str, topics: tuple[str, ...], domain: int) -> Iterator[Bus]:
     """Yield a bus that receives `topics` under their own names, from a bridge or from rmw_zenoh.
 
-    rmw_zenoh puts the domain before a topic, type and hash after it. Raises BusError.
+    rmw_zenoh puts the `domain` before a topic, type and hash after it. A robot's topic of the same name has
+    the robot's name in that place. Raises BusError.
     """
     with Bus(BusConfig(connect=(endpoint,), mode="client", name="driver")) as bus:
         for topic in topics:
             key = topic.strip("/")
             bus.subscribe(key)
-            bus.subscribe(f"*/{key}/**", key)
+            bus.subscribe(f"{domain}/{key}/**", key)
         yield bus

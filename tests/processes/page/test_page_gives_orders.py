@@ -246,6 +246,20 @@ def test_pad_drives_while_it_is_held(browser: Browser, controlled: Served, fleet
     assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
 
 
+def test_pad_drives_by_the_main_button_only(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        page.click("#drive-open")
+        box = page.locator("#drive-pad").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
+        page.mouse.down(button="right")
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 2.0)
+        page.keyboard.down("Meta")
+        page.keyboard.down("ArrowUp")
+        page.wait_for_timeout(200)
+    assert fleet.driven == []
+
+
 def test_arrow_keys_drive_the_pad_that_has_the_focus(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:

@@ -9,6 +9,8 @@ import pytest
 from formation.control.unicycle import AT_REST
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
+from formation.mission.file import read
+from tests.support.missions import with_keys
 
 STAND_SECONDS = 0.5
 """All robots stand within this after the driver's newest input, or what fails [s]."""
@@ -73,3 +75,18 @@ def test_team_holds_until_the_next_leader_is_driven(
     assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
     fleet.drive(0.1, seconds=5.0)
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
+
+
+def test_letting_go_restores_no_trust_in_a_sensor(rehearsed_fleet: MakeRehearsed) -> None:
+    text = with_keys(read("turtlebot3_pair")[0], measurement="local")
+    fleet = rehearsed_fleet(text, faults=["robot2:relative_frozen@8"], strict=False)
+    fleet.run(2.0)
+    fleet.drive(0.1, seconds=8.0)
+    driven, place = 0.0, fleet.position("robot2")
+    for number in range(75):
+        if number % 7 == 5:  # lets go for a moment every 1.4 s
+            fleet.run(0.2)
+        else:
+            fleet.drive(0.1, seconds=0.2)
+        driven, place = driven + abs(fleet.position("robot2") - place), fleet.position("robot2")
+    assert driven < 0.1

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
+from formation.deploy.driving import drive
 from formation.deploy.driving.inputs import (
     AXIS,
     BUTTON,
@@ -98,6 +100,21 @@ def test_gamepad_that_goes_away_ends_the_drive(pipe: tuple[int, int]) -> None:
     os.close(writing)
     gamepad.read(reading)
     assert gamepad.velocity(0.0) is None
+
+
+def test_keys_that_waited_are_not_pressed_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+    with os.fdopen(slave) as terminal:
+        monkeypatch.setattr("sys.stdin", terminal)
+        times = iter((0.0, 0.05, 3.0, 3.05))
+        monkeypatch.setattr(drive, "time", SimpleNamespace(monotonic=times.__next__))
+        with drive._keys() as read:
+            assert read() == RELEASED
+            os.write(master, b"i")
+            assert read() == RELEASED  # 2.95 s later
+            os.write(master, b"i")
+            assert read() == Share(1.0, 0.0)
+    os.close(master)
 
 
 def test_twist_counts_for_a_moment_and_is_limited() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import pytest
@@ -10,9 +11,11 @@ from hypothesis import strategies as st
 
 from formation.leader.core import Leader
 from formation.leader.driving import ramped, token
-from formation.mission.file import load
+from formation.mission.file import load, parse, read
 from formation.protocol import order
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from formation.protocol.reasons import Code, Reason
+from formation.slots.geofence import Geofence
 from formation.stability.driving import STANDS, Limits, Velocity, first_limits, followable
 from tests.support.fleet import at
 from tests.unit.leader.leading import drive, leading, positions
@@ -181,3 +184,29 @@ def test_ramp_goes_towards_the_wanted_velocity(forward: float, turn_rate: float,
 
 def test_token_is_the_leaders_own_clock() -> None:
     assert token(12.3456) == 12345
+
+
+def test_leader_that_turns_keeps_slots_within_the_bounds() -> None:
+    mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.0, 6.0]\ny = [-0.9, 0.9]\n")
+    leader = leading(mission)
+    leader.plan.cohesion._bound = None
+    driver, fence = Driver(leader), Geofence(mission)
+    now = driver.hold_stick(0.1, 15.0, 0.12)
+    for turn_rate in (0.3, -0.3):
+        for _ in range(300):
+            now += 0.05
+            driver.send(now, 0.0, turn_rate)
+            for one in positions(now, leader.step(at(now + 1e-4), [])):
+                fence.check(one.order)  # raises BadMessage
+        assert leader.plan.fenced is not None
+        assert turn_rate * cmath.phase(leader.plan.route.heading(leader.plan.route_time)) > 0.05
+
+
+def test_refused_first_request_leaves_the_lost_route() -> None:
+    leader = leading(CONVOY)
+    leader.plan.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
+    driver = Driver(leader)
+    assert driver.send(0.1, 0.1).code == "first"
+    assert leader.plan.team_mode.lost is not None
+    assert "order run" in driver.send(0.15, 0.1).reason
+    assert leader.plan.team_mode.lost is None

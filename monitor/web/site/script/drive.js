@@ -18,7 +18,7 @@ export class DrivePad {
     byId("drive-open").addEventListener("click", () => this.open());
     this.pad.addEventListener("pointerdown", (event) => this.grip(event));
     this.pad.addEventListener("pointermove", (event) => this.move(event));
-    for (const kind of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) {
+    for (const kind of ["pointerup", "pointercancel", "lostpointercapture", "contextmenu", "blur"]) {
       this.pad.addEventListener(kind, () => this.release());
     }
     this.pad.addEventListener("keydown", (event) => this.key(event, true));
@@ -37,6 +37,7 @@ export class DrivePad {
   }
 
   grip(event) {
+    if (event.button !== 0) return;
     this.pad.setPointerCapture(event.pointerId);
     this.gripped = event.pointerId;
     this.move(event);
@@ -45,6 +46,7 @@ export class DrivePad {
 
   move(event) {
     if (this.gripped !== event.pointerId) return;
+    if (!event.buttons) return this.release(); // its release went elsewhere
     const box = this.pad.getBoundingClientRect();
     const x = (2 * (event.clientX - box.left)) / box.width - 1;
     const y = (2 * (event.clientY - box.top)) / box.height - 1;
@@ -53,6 +55,7 @@ export class DrivePad {
   }
 
   key(event, down) {
+    if (event.key === "Meta" || event.metaKey) return this.release(); // browsers tell no release beside it
     if (!KEYS[event.key]) return;
     event.preventDefault();
     if (down) this.held.add(event.key);

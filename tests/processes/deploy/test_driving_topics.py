@@ -1,0 +1,31 @@
+"""The topics that `formation drive` and `formation follow` receive from a bridge or from rmw_zenoh."""
+
+from __future__ import annotations
+
+import time
+
+from formation.deploy.driving.ros import listening
+from formation.ros2.messages import Twist, encode
+from formation.topics import command_topic
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig
+
+TYPE = "geometry_msgs::msg::dds_::Twist_/TypeHashNotSupported"
+
+
+def test_robots_topic_of_the_same_name_is_not_received(endpoint: str) -> None:
+    keys = {"cmd_vel": 0.1, f"7/cmd_vel/{TYPE}": 0.2, f"8/cmd_vel/{TYPE}": 0.3, "robot1/cmd_vel": 0.4}
+    with Bus(BusConfig(listen=(endpoint,), mode="router", name="bridge")) as bridge:
+        for key in keys:
+            bridge.advertise(command_topic("twist"), key)
+        with listening(endpoint, ("/cmd_vel",), 7) as bus:
+            received: list[bytes] = []
+            deadline = time.monotonic() + 20.0
+            while encode(Twist(0.5, 0.0)) not in received:  # the last one says that all are there
+                assert time.monotonic() < deadline
+                for key, speed in keys.items():
+                    bridge.publish(key, encode(Twist(speed, 0.0)))
+                bridge.publish("cmd_vel", encode(Twist(0.5, 0.0)))
+                time.sleep(0.05)
+                received += [sample.payload for sample in bus.drain()]
+    assert set(received) == {encode(Twist(speed, 0.0)) for speed in (0.1, 0.2, 0.5)}
