@@ -253,7 +253,7 @@ class Agent:
     def _rests_by_operator(self) -> bool:
         """Whether an operator holds or stops the robot, and so looks after what it distrusts.
 
-        A leader that nobody drives orders to hold as well, and a new leader until it is driven.
+        A leader that is not driven orders to hold as well.
         """
         ordered = self.orders.newest
         if self.latch.mode is not None or ordered is None:

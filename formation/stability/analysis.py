@@ -149,14 +149,11 @@ def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forwar
         what = f"law.{_gain(mission)} = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
     if forward is not None and cyclic:
-        period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
-        loop = spectrum.feed_forward_poles(
-            mission.graph, k_p, k_i, forward, period, mean=mission.law.controller.mean
-        )
+        loop = spectrum.cyclic_poles(mission, k_p, k_i)
         if loop.real.max() >= 0.0:
             what = (
                 f"law.feed_forward with law.{_gain(mission)} = {k_p:g} and velocity_filter = {forward:g} s"
-                " on this graph"
+                f" on this graph, behind a leader at {mission.leader_speed:g} m/s"
             )
             return [_unstable(what, loop, "must be false, or the graph without the cycle")]
     return []

@@ -13,6 +13,7 @@ L_ff for real; on a directed graph they need not be, and then its conclusion fai
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from graphlib import TopologicalSorter
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.tracker import learned
 from formation.mission.graph import Graph, cyclic_core
+from formation.mission.model import Mission
 from formation.simulation.edges import Edges
 
 LEAST_STEP = 1e-12
@@ -83,32 +85,76 @@ def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> Fl
 
 
 def feed_forward_poles(
-    graph: Graph, k_p: float, k_i: float, time_constant: float, period: float, *, mean: bool = False
+    graph: Graph,
+    k_p: float,
+    k_i: float,
+    time_constant: float,
+    period: float,
+    *,
+    mean: bool = False,
+    speed: float = 0.0,
+    offsets: Sequence[float] = (),
 ) -> ComplexArray:
     """Poles [1/s] of the sampled loop with the neighbours' velocity fed forward, for the `cyclic_core`.
 
     Each command holds for `period` [s]; velocities are low-passed differences of positions. A pole z of the
     step is given as ln z / period: sampling alone can make a ring unstable. Outside of the core
     feed-forward closes no loop: there the poles are those of the PI loop, and of the low pass.
+
+    With the leader's `speed` [m/s] and the `offsets` L of all followers [m], also the poles across its
+    direction, where a robot turns: while a command holds, the robot drives on into the turn.
     """
     core, edges = np.array(cyclic_core(graph), dtype=np.intp) - 1, Edges(graph)
-    count = len(core)
-    zero, unit = np.zeros((count, count)), np.eye(count)
     among = _among(edges, core, mean=mean)
-    averaged = unit - _among(edges, core, mean=True)  # velocities of the core's neighbours
+    averaged = np.eye(len(core)) - _among(edges, core, mean=True)  # velocities of the core's neighbours
     share = learned(period, time_constant)
-    # one step of positions, their velocity until now, its low pass before, and the integral
-    low_passed = np.hstack([zero, share * unit, (1.0 - share) * unit, zero])
-    motion = np.hstack([-k_p * among, zero, zero, k_i * unit]) + averaged @ low_passed
-    position = np.hstack([unit, zero, zero, zero]) + period * motion
-    integral = np.hstack([-period * among, zero, zero, unit])
-    loop = np.vstack([position, motion, low_passed, integral])
-    if k_i == 0.0:  # no integral
-        loop = loop[: 3 * count, : 3 * count]
-    steps: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
+    loops = [_step(among, averaged, k_p, k_i, share, period)]
+    if speed > 0.0:
+        levers = np.array(offsets)[core]
+        loops.append(_step(among, averaged, k_p, k_i, share, period, speed, levers))
+    steps = np.concatenate([np.linalg.eigvals(loop) for loop in loops]).astype(np.complex128)
     lasting = steps[np.abs(steps) > LEAST_STEP]
     values: ComplexArray = (np.log(lasting) / period).astype(np.complex128)
     return values
+
+
+def cyclic_poles(mission: Mission, k_p: float, k_i: float) -> ComplexArray:
+    """The same of a mission with these gains, at the greatest speed of its leader."""
+    return feed_forward_poles(
+        mission.graph,
+        k_p,
+        k_i,
+        mission.law.velocity_filter,
+        1.0 / min(mission.robots[name].rate for name in mission.followers),
+        mean=mission.law.controller.mean,
+        speed=mission.leader_speed,
+        offsets=[mission.robots[name].control_point_offset for name in mission.followers],
+    )
+
+
+def _step(
+    among: FloatArray, averaged: FloatArray, k_p: float, k_i: float, share: float, period: float,
+    speed: float = 0.0, offsets: FloatArray | None = None,
+) -> FloatArray:  # fmt: skip
+    """One step of positions, their velocity until now, its low pass before, integrals and headings.
+
+    Without `offsets` [m] along the leader's direction, where headings play no part. Across it a robot that
+    wants the velocity w turns at (w - uθ)/L, and its control point moves at w + uT/(2L) (w - uθ) on average.
+    """
+    count = len(among)
+    zero, unit = np.zeros((count, count)), np.eye(count)
+    low_passed = np.hstack([zero, share * unit, (1.0 - share) * unit, zero, zero])
+    wanted = np.hstack([-k_p * among, zero, zero, k_i * unit, zero]) + averaged @ low_passed
+    rates = np.zeros(count) if offsets is None else 1.0 / offsets
+    turn = rates[:, None] * (wanted - np.hstack([zero, zero, zero, zero, speed * unit]))
+    motion = wanted + 0.5 * period * speed * turn
+    position = np.hstack([unit, zero, zero, zero, zero]) + period * motion
+    integral = np.hstack([-period * among, zero, zero, unit, zero])
+    heading = np.hstack([zero, zero, zero, zero, unit]) + period * turn
+    loop = np.vstack([position, motion, low_passed, integral, heading])
+    kept = np.repeat([True, True, True, k_i != 0.0, offsets is not None], count)
+    step: FloatArray = loop[np.ix_(kept, kept)]
+    return step
 
 
 def delay_margin(mu: ComplexArray, k_p: float, k_i: float) -> float:

@@ -7,7 +7,7 @@ would not:
 |---|---|---|
 | Hurwitz | every μ that no velocity is fed forward to | `k_P² Re(μ)|μ|² > k_I Im(μ)²` |
 | sampled | the same, at the slowest follower's rate | `spectrum.sampled_radius` < 1 |
-| fed forward | the cyclic core, if velocities are fed forward | `spectrum.feed_forward_poles` left of 0 |
+| fed forward | the cyclic core, if velocities are fed forward | `spectrum.cyclic_poles` left of 0 |
 
 The first is a half-plane in (ln k_P, ln k_I) for each μ, so gains on a straight line from one stable point
 to another in these coordinates are stable: this is how `formation.agent.following.gains` ramps them.
@@ -101,10 +101,7 @@ def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | 
     law = mission.law
     if not law.feeds_forward or not cyclic_core(mission.graph):
         return None
-    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
-    poles = spectrum.feed_forward_poles(
-        mission.graph, gains.k_p, gains.k_i, law.velocity_filter, period, mean=law.controller.mean
-    )
+    poles = spectrum.cyclic_poles(mission, gains.k_p, gains.k_i)
     if poles.real.max() < 0.0:
         return None
     worst = complex(poles[np.argmax(poles.real)])

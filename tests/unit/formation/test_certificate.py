@@ -81,6 +81,20 @@ def test_unstable_mission_has_no_certificate() -> None:
     assert found.certificate.convergence == "none"
 
 
+@pytest.mark.parametrize(("speed", "says"), [(0.05, "near formation"), (0.2165, "none")])
+def test_robots_of_a_cycle_that_turn_too_far_do_not_settle(speed: float, says: str) -> None:
+    """Along the leader's direction the loop is stable at both speeds; across it a robot turns."""
+    neighbours = [[], [0, 4], [0, 3], [1, 5], [2, 3], [1]]
+    slots = -0.7 * np.arange(6) + 1j * np.array([0.0, -0.4, 0.2, 0.0, -0.6, 0.5])
+    robot = {"control_point_offset": 0.175, "max_speed": 1.67, "max_turn_rate": 1.55, "rate": 10.0}
+    law = {"leader_orders": "none", "gain": 4.6}
+    mission = scenarios.build(slots, neighbours, {"speed": speed, "heading_deg": 30.0}, law=law, robot=robot)
+    assert analyse(mission).certificate.convergence == says
+    result = simulate(mission, runs=4, horizon=60.0, step=0.1, options=IDEAL, starts="random", spread=1e-3)
+    assert (result.final_error < 1e-3).all() == (says == "near formation")
+    assert (result.final_error > 1e-2).all() == (says == "none")
+
+
 @pytest.mark.parametrize("speed", [0.05, 0.2, 1.0])
 def test_loop_of_centres_is_of_third_order(speed: float) -> None:
     offset, k_p, k_i = 0.2, 2.0, 1.0

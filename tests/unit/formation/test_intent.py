@@ -271,7 +271,7 @@ def test_velocities_fed_forward_round_a_cycle_are_looked_at_as_well() -> None:
     assert faults[1.0] is None
     assert faults[8.0] is not None
     for k_p, why in faults.items():
-        poles = spectrum.feed_forward_poles(mission.graph, k_p, 0.0, 0.04, 0.05, mean=True)
+        poles = spectrum.cyclic_poles(mission, k_p, 0.0)
         assert (why is None) == (poles.real.max() < 0.0)
 
 
