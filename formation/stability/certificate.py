@@ -4,7 +4,7 @@ Theorem 1 of docs/theory/convergence.md: a formation comes together from every s
 `broken_assumptions` hold. Where they do not, only the linear loop near formation is judged, by its poles.
 
 On an arc the leader's velocity turns, and what neighbours' positions show of it is a little old.
-`curve_errors` solves the sampled linear loop for that. With ideal bodies, T the control period, φ = z⁻¹ the
+`curve_errors` solves the sampled loop for that. With ideal bodies, T the control period, φ = z⁻¹ the
 delay by a period, and s the share of a low pass:
 
 | symbol | meaning |
@@ -12,7 +12,8 @@ delay by a period, and s the share of a low pass:
 | z = e^{iωT} | one step on an arc of turn rate ω |
 | V = s (1 - φ)/T / (1 - (1 - s) φ) | velocity estimate of a neighbour |
 | B = (z - 1)/(iω) | way in one step at a velocity of 1 that turns with the robot |
-| G = B (k + V)/(z - 1 + k B) | from the mean of the neighbours to a robot |
+| c | share of the neighbours' mean velocity that is kept: it is cut to the leader's top speed |
+| G = B (k + c V)/(z - 1 + k B) | from the weighted mean of the neighbours to a robot |
 """
 
 from __future__ import annotations
@@ -22,13 +23,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from formation.control.arrays import ComplexArray
+from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import rotation
 from formation.control.tracker import learned
+from formation.control.trust import weight
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
-from formation.simulation.edges import Edges
+
+MAX_SUBSTITUTIONS, LEAST_CHANGE = 200, 1e-12
+"""Number of substitutions on an arc, and the change of a place at which they end [–]."""
+LEAST_SPEED = 1e-12
+"""[m/s]"""
 
 
 class Certificate(NamedTuple):
@@ -90,31 +96,56 @@ def curve_errors(mission: Mission) -> dict[str, float]:
     worst: dict[str, float] = dict.fromkeys(mission.followers, 0.0)
     arcs = [arc for arc in Route.of(mission).arcs if arc.turn_rate and arc.speed]
     for arc in arcs:
-        points = on_arc(mission, arc.turn_rate, period) * (arc.speed / arc.turn_rate)
+        points = on_arc(mission, arc.turn_rate, period, arc.speed) * (arc.speed / arc.turn_rate)
         for index, name in enumerate(mission.followers, start=1):
             errors = [float(abs(points[j] - points[index])) for j in mission.graph.neighbours[index]]
             worst[name] = max(worst[name], *errors)
     return worst if arcs else {}
 
 
-def on_arc(mission: Mission, turn_rate: float, period: float) -> ComplexArray:
+def on_arc(mission: Mission, turn_rate: float, period: float, speed: float) -> ComplexArray:
     """Where each robot is beside its slot's place, on a circle of radius 1 about the leader's centre [–].
 
-    Shape (n,), the leader's 1 first; `turn_rate` [rad/s] of the leader, `period` [s] of control.
+    Shape (n,), the leader's 1 first; `turn_rate` [rad/s] and `speed` [m/s] of the leader, `period` [s] of
+    control. Robots on larger circles are faster than the leader's top speed: they count less, and the mean
+    of their velocities is cut. What counts is solved for by repeated substitution.
     """
-    graph, gain = mission.graph, mission.gains.k_p
+    size, gain = mission.graph.size, mission.gains.k_p
     z = rotation(turn_rate * period)
     way = (z - 1.0) / (1j * turn_rate)
     share = learned(period, mission.law.velocity_filter)
     estimate = share * (1.0 - 1.0 / z) / period / (1.0 - (1.0 - share) / z)
     step = z - 1.0 + gain * way
     ordered = mission.law.uses_orders(signed=False)
-    mean = way * (gain if ordered else gain + estimate) / step
-    leader = 1j * turn_rate * way / step if ordered else 0j
-    edges, unit = Edges(graph), np.eye(graph.size - 1)
-    averaged = unit - edges.follower_laplacian() / edges.degrees[:, None]
-    followers = np.linalg.solve(unit - mean * averaged, mean * (1.0 - averaged.sum(axis=1)) + leader)
-    return np.concatenate([[1.0 + 0.0j], followers])
+    places = np.ones(size, np.complex128)
+    for _ in range(MAX_SUBSTITUTIONS):
+        counts, kept = _counts(mission, estimate * places * (speed / turn_rate), ordered=ordered)
+        mean = (way * (gain + kept * estimate) / step).astype(np.complex128)
+        leader = mean * counts[:, 0] + (1j * turn_rate * way / step if ordered else 0j)
+        followers = np.linalg.solve(np.eye(size - 1) - mean[:, None] * counts[:, 1:], leader)
+        before, places = places, np.concatenate([[1.0 + 0.0j], followers])
+        if float(np.abs(places - before).max()) < LEAST_CHANGE:
+            break
+    return places
+
+
+def _counts(mission: Mission, velocities: ComplexArray, *, ordered: bool) -> tuple[FloatArray, FloatArray]:
+    """What each robot counts for each follower, (n-1, n), and what a follower keeps of their mean, (n-1,).
+
+    Robots move at `velocities` [m/s] on circles about the same centre; `ordered`: all as orders say, and no
+    velocity of a neighbour counts.
+    """
+    top, graph = mission.leader_speed, mission.graph
+    counts = np.zeros((graph.size - 1, graph.size))
+    for i, neighbours in enumerate(graph.neighbours[1:]):
+        for j in neighbours:
+            most = mission.robots[mission.names[j]].top_speed
+            counts[i, j] = 1.0 if ordered else weight(complex(velocities[j]), top, most)
+    counts /= counts.sum(axis=1)[:, None]
+    if ordered:
+        return counts, np.zeros(graph.size - 1)
+    speeds = np.abs(counts @ velocities)
+    return counts, np.minimum(1.0, top / np.maximum(speeds, LEAST_SPEED))
 
 
 def worst_curve(found: Certificate) -> tuple[str, float] | None:
