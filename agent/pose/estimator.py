@@ -278,6 +278,11 @@ class Localisation:
             if last is not None:
                 self._relocalised(self.map_frame.take_transforms(transforms, MAP_FRAME, last.frame))
 
+    def trust_localiser(self) -> None:
+        """Believe the localiser again, as `MapFrame.trust`: an order holds the robot."""
+        if self.map_frame is not None:
+            self._relocalised(self.map_frame.trust())
+
     def _relocalised(self, jump: Reason | None) -> None:
         """Take over a placement: slowly, or at once if it is the first or a jump."""
         state, source, frame = self.state, self._source, self.map_frame
