@@ -308,8 +308,11 @@ class Localisation:
         if last is not None:
             self.align(placement.of(last.position), placement.rotation * last.heading)
 
-    def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate) -> None:
-        """Record odometry, with which the localiser's poses of earlier moments are compared."""
+    def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate, over: float | None) -> None:
+        """Record odometry, with which the localiser's poses of earlier moments are compared.
+
+        `over` [s] after the message before; more than the limit are a gap.
+        """
         source = self._source
         if (
             self.map_frame is None
@@ -318,7 +321,9 @@ class Localisation:
         ):
             return
         placed = Placement(source.state.rotation, source.state.origin)
-        self.map_frame.moved(message, None if seen.jumped is None else placed)
+        gap = over is not None and over > self.stream.limit
+        self.map_frame.moved(message, None if seen.jumped is None else placed, gap=gap)
+        self.state.placed = self.state.placed and self.map_frame.state.placement is not None
 
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
@@ -348,7 +353,7 @@ class Localisation:
         self._follow_map()
         speed_before = self._odometry_speed
         seen = self._update_of(message, over, now)
-        self._map_passed(message, seen)
+        self._map_passed(message, seen, over)
         believed, state.position = state.position, seen.position
         state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None

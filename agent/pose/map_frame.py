@@ -109,7 +109,7 @@ class MapFrameState:
     passed: deque[Passed] = field(default_factory=deque)
     """Odometry of the last `HISTORY_TIME` seconds, oldest first."""
     placement: Placement | None = None
-    """The newest that was taken; None before the first."""
+    """The newest that was taken; None before the first, and while that of a new count is unknown."""
     anchor: tuple[Placement, float] | None = None
     """One from up to `ANCHOR_DISTANCE` ago, and when it was taken [m travelled]."""
     suspect: Suspect | None = None
@@ -167,8 +167,11 @@ class MapFrame:
             return None
         return self._jump(state.suspect.placement, state.passed[-1])
 
-    def moved(self, odometry: Odometry, anew: Placement | None) -> None:
-        """Record odometry; where a new count has begun, `anew` is its placement, by dead reckoning."""
+    def moved(self, odometry: Odometry, anew: Placement | None, *, gap: bool = False) -> None:
+        """Record odometry; where a new count has begun, `anew` is its placement, by dead reckoning.
+
+        After a `gap` in odometry that is not believed: the robot may have been carried.
+        """
         state, passed = self.state, self.state.passed
         travelled = self.travelled
         set_back = bool(passed) and odometry.stamp < passed[-1].stamp
@@ -177,7 +180,8 @@ class MapFrame:
             state.told = None if state.told is None else state.told._replace(stamp=-math.inf)
         if anew is not None:
             if state.placement is not None:  # what the localiser told was of the count before
-                state.outdated, state.placement, state.anchor = state.placement, anew, (anew, travelled)
+                state.outdated = state.outdated or state.placement
+                state.placement, state.anchor = None if gap else anew, (anew, travelled)
         elif passed:
             travelled += abs(odometry.position - passed[-1].position)
         if anew is not None or set_back:
@@ -230,8 +234,12 @@ class MapFrame:
 
     def _take(self, placement: Placement, then: Passed) -> Reason | None:
         state = self.state
+        stale = state.outdated is not None and _explained(state.outdated, placement, then, 0.0)
         if state.placement is None or state.anchor is None:
-            self._place(placement, then)
+            if not stale:
+                self._place(placement, then)
+            elif state.suspect is None:  # true only where the robot is where the count before began
+                state.suspect = Suspect(placement, then, then)
             return None
         anchor, since = state.anchor
         if _explained(anchor, placement, then, DRIFT_SHARE * max(0.0, then.travelled - since)):
@@ -240,7 +248,7 @@ class MapFrame:
             if then.travelled - since > ANCHOR_DISTANCE:
                 state.anchor = placement, then.travelled
             return None
-        if state.outdated is not None and _explained(state.outdated, placement, then, 0.0):
+        if stale:
             return None  # the localiser took the new count for motion
         before = state.suspect
         drift = 0.0 if before is None else DRIFT_SHARE * max(0.0, then.travelled - before.first.travelled)

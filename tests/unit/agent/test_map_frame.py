@@ -397,6 +397,48 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
     assert abs(agent.here.state.position - plant.position) < 0.03
 
 
+def test_robot_holds_after_odometry_restarted_across_gap() -> None:
+    """It was carried meanwhile, and goes on once the localiser tells where it is."""
+    fleet, odom, amcl = Fleet(PAIR).after(12.0), ODOM.key("robot1"), AMCL_POSE.key("robot1")
+    fleet.meddle = lambda sample: () if sample.key in {odom, amcl} else (sample,)
+    fleet.run(2.0)
+    agent, plant = fleet.agents["robot1"], fleet.plant("robot1")
+    assert isinstance(plant, Plant)
+    plant.position += 1j
+    plant._counts_from = plant.position, plant.heading
+    fleet.meddle = lost(amcl)
+    fleet.run(2.0)
+    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
+    assert agent.command == AT_REST
+    pose = encode(MapPose(agent.here.stream.state.stamp, plant.position, plant.heading))
+    fleet.meddle = lambda sample: (sample, sample._replace(key=amcl, payload=pose))[
+        : 1 + (sample.key == odom)
+    ]
+    fleet.run(0.5)
+    assert agent.here.doubt is None
+    assert agent.command != AT_REST
+    assert abs(agent.here.state.position - plant.position) < 0.01
+
+
+@pytest.mark.parametrize("off", [0j, 0.05])
+def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
+    """True only if the robot is where that count began: an operator decides. A copy never is."""
+    drive = Drive()
+    drive.told(TRUE)
+    drive.go(1.0)
+    drive.at = 0j
+    drive.time += 2.0
+    drive.frame.moved(Odometry(drive.time, 0j, 1.0, 0.0, 0.0, frame="odom"), TRUE, gap=True)
+    for _ in range(40):
+        drive.step()
+        drive.told(TRUE._replace(origin=TRUE.origin + off))
+    assert drive.doubted() is Code.NOT_LOCALISED
+    assert (drive.frame.trust() is None) == (off == 0j)
+    drive.step()
+    drive.told(MOVED)
+    assert drive.doubted() is None
+
+
 def test_robot_without_a_pose_holds() -> None:
     fleet = Fleet(PAIR)
     fleet.meddle = lost(AMCL_POSE.key("robot1"))
