@@ -290,10 +290,13 @@ class Localisation:
             return
         if jump is None and state.placed:
             return
-        turn = source.place(*frame.state.placement)
-        state.estimate = state.estimate * turn if state.placed else frame.state.placement.rotation
-        if not state.placed and source.state.last is not None:
-            state.estimate *= source.state.last.heading
+        placement, last = frame.state.placement, source.state.last
+        turn = source.place(*placement)
+        state.estimate = state.estimate * turn if state.placed else placement.rotation
+        if last is not None:  # this step acts on it, also if it has read its odometry already
+            state.estimate *= 1.0 if state.placed else last.heading
+            state.position, state.measured = placement.of(last.position), placement.rotation * last.heading
+            state.before, state.spread = None, replaced(state.spread)
         state.placed, state.course, state.travelled = True, state.estimate, 0.0
         if jump is not None:
             state.jumped, state.calm = jump, 0.0

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.agent.core import Agent
 from formation.agent.pose.map_frame import (
     AGREEMENT_TIME,
     HISTORY_TIME,
@@ -24,10 +25,10 @@ from formation.agent.simulated.plant import Plant
 from formation.control.plane import unit
 from formation.control.unicycle import AT_REST
 from formation.protocol.reasons import Code, Reason
-from formation.ros2.messages import MapPose, Odometry, Transform, Transforms, decode, encode
-from formation.topics import AMCL_POSE, ODOM, TF
+from formation.ros2.messages import MapPose, Odometry, Pose, Transform, Transforms, decode, encode
+from formation.topics import AMCL_POSE, ODOM, POSITION, TF
 from formation.wire import BadMessage, Sample
-from tests.support.fleet import Fleet
+from tests.support.fleet import EPOCH, Fleet, at
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
 
@@ -437,6 +438,25 @@ def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
     drive.step()
     drive.told(MOVED)
     assert drive.doubted() is None
+
+
+@pytest.mark.parametrize("odometry_first", [False, True])
+def test_first_pose_in_one_step_with_odometry(odometry_first: bool) -> None:
+    """What is published in that step is in the map already."""
+    agent, time, published = Agent(PAIR, "robot1", publisher_id="any"), 10.0, []
+    for number in range(10):
+        time += PERIOD
+        odometry = Odometry(EPOCH + time, 1j, 1j, 0.0, 0.0, frame="odom")
+        inbox = [Sample(ODOM.key("robot1"), encode(odometry), None, time)]
+        if number == 5:
+            pose = MapPose(EPOCH + time - (0.0 if odometry_first else PERIOD), 3.0 - 2.0j, -1.0, 0.02, 0.02)
+            inbox.insert(odometry_first, Sample(AMCL_POSE.key("robot1"), encode(pose), None, time))
+        out = list(agent.step(at(time), inbox))
+        published += [decode(Pose, one.payload) for one in out if one.key == POSITION.key("robot1")]
+        if number >= 5:
+            assert abs(agent.here.heading - -1.0) < 1e-9
+    assert len(published) == 5
+    assert max(abs(one.position - (3.0 - 2.0j)) for one in published) < 1e-9
 
 
 def test_robot_without_a_pose_holds() -> None:
