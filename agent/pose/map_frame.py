@@ -27,10 +27,11 @@ from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import MapPose, Odometry, Transforms
 from formation.wire import BadMessage
 
-HISTORY_TIME = 2.0
-"""Age of a pose from which on it is refused [s, the robot's clock]."""
+HISTORY_TIME = 1.0
+"""Age of a pose from which on it is refused [s, the robot's clock]; AMCL's are 0.05 to 0.3 s old."""
 MAX_DEVIATION, MAX_HEADING_DEVIATION = 0.3, 0.3
-"""Standard deviation of a pose from which on it is refused [m; rad]: the localiser does not know yet."""
+"""Standard deviation of a pose from which on it is refused [m; rad]: the localiser does not know yet. Also
+the robot's motion since its stamp: a wrong clock, which looks like an age, shifts a placement by no more."""
 DRIFT_DISTANCE, DRIFT_SHARE = 0.2, 0.2
 """Change of the placement that odometry's drift and the localiser's noise explain [m], and the share of the
 distance travelled that is added."""
@@ -202,6 +203,14 @@ class MapFrame:
         then = self._then(pose.stamp)
         if pose.stamp <= state.stamp:
             raise BadMessage(f"pose stamped {state.stamp - pose.stamp:.3f} s before the newest")
+        now = state.passed[-1]
+        moved = abs(now.position - then.position)
+        turned = abs(float(angle_between(then.heading, now.heading)))
+        if moved > MAX_DEVIATION or turned > MAX_HEADING_DEVIATION:
+            raise BadMessage(
+                f"pose {now.stamp - pose.stamp:.2f} s old: the robot moved {moved:.2f} m, {turned:.2f} rad"
+                f" since; limits {MAX_DEVIATION:g} m, {MAX_HEADING_DEVIATION:g} rad: check its clock"
+            )
         state.stamp = pose.stamp
         if state.pose != (pose.position, pose.heading):
             state.pose, state.since = (pose.position, pose.heading), then.travelled

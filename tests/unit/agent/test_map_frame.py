@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import cmath
+import json
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.agent.core import Agent
+from formation.agent.persistence.state import Codec
 from formation.agent.pose.map_frame import (
     AGREEMENT_TIME,
     HISTORY_TIME,
     JUMP_AGREEMENTS,
+    MAX_DEVIATION,
     MAX_JUMPS,
     MAX_UNCORRECTED_DISTANCE,
     STANDING_TIME,
     MapFrame,
+    MapFrameState,
     Placement,
 )
 from formation.agent.simulated.plant import Plant
@@ -108,8 +113,31 @@ def test_late_pose_is_compared_with_odometry_of_then(late: float, heading: float
 def test_pose_older_than_the_history_is_refused() -> None:
     drive = Drive()
     drive.go(1.0)
-    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 2 s"):
+    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 1 s"):
         drive.frame.take_pose(drive.pose(late=2.5))
+
+
+@pytest.mark.parametrize("lag", [0.5, 0.9, 1.9])
+@pytest.mark.parametrize("speed", [0.2, 0.8])
+def test_wrong_clock_shifts_placement_by_bounded_distance(lag: float, speed: float) -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    for _ in range(100):
+        drive.go(0.2, speed)
+        with suppress(BadMessage):
+            drive.frame.take_pose(replace(drive.pose(), stamp=drive.time - lag))
+        assert off(drive.placed, TRUE, drive.at) <= MAX_DEVIATION
+    refused = lag > HISTORY_TIME or lag * speed > MAX_DEVIATION
+    assert (drive.doubted() is Code.LOCALISER_SILENT) == refused
+
+
+def test_pose_from_before_a_turn_is_refused() -> None:
+    drive = Drive()
+    before = drive.pose()
+    drive.heading *= cmath.rect(1.0, 0.4)
+    drive.step()
+    with pytest.raises(BadMessage, match=r"moved 0\.00 m, 0\.40 rad since; limits 0\.3 m, 0\.3 rad"):
+        drive.frame.take_pose(before)
 
 
 @pytest.mark.parametrize(("deviation", "heading_deviation"), [(0.5, 0.0), (0.0, 0.5)])
@@ -312,6 +340,18 @@ def test_standing_robot_is_relocalised_by_new_poses() -> None:
         drive.step()
         taken = drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6))
     assert 2 * STANDING_TIME < drive.time - 100.0 < 2 * STANDING_TIME + 0.2
+
+
+def test_suspicion_is_saved_to_the_last_bit() -> None:
+    drive, codec = Drive(), Codec(MapFrameState)
+    drive.told(TRUE)
+    drive.frame.take_pose(drive.pose(MOVED))
+    drive.step()
+    drive.time = 50.0
+    drive.step()
+    drive.told(MOVED)
+    drive.frame.state.outdated = TRUE
+    assert codec.read(json.dumps(codec.write(drive.frame.state)).encode()) == drive.frame.state
 
 
 def test_pose_given_by_hand_is_taken_on_hold() -> None:
