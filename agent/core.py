@@ -241,8 +241,7 @@ class Agent:
         if self._rests_by_operator:
             self._probe.rearm()
             self.neighbours.trust_all(now.mono)
-            if self.here.map_frame is not None:
-                self.here.map_frame.trust()
+            self.here.trust_localiser()
         if self.decision.state is not decided:
             self.state.status_due = now.mono
         if self._tells_position:  # here, as a replica of this agent only acts

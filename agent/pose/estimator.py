@@ -278,6 +278,11 @@ class Localisation:
             if last is not None:
                 self._relocalised(self.map_frame.take_transforms(transforms, MAP_FRAME, last.frame))
 
+    def trust_localiser(self) -> None:
+        """Believe the localiser again, as `MapFrame.trust`: an order holds the robot."""
+        if self.map_frame is not None:
+            self._relocalised(self.map_frame.trust())
+
     def _relocalised(self, jump: Reason | None) -> None:
         """Take over a placement: slowly, or at once if it is the first or a jump."""
         state, source, frame = self.state, self._source, self.map_frame
@@ -285,10 +290,13 @@ class Localisation:
             return
         if jump is None and state.placed:
             return
-        turn = source.place(*frame.state.placement)
-        state.estimate = state.estimate * turn if state.placed else frame.state.placement.rotation
-        if not state.placed and source.state.last is not None:
-            state.estimate *= source.state.last.heading
+        placement, last = frame.state.placement, source.state.last
+        turn = source.place(*placement)
+        state.estimate = state.estimate * turn if state.placed else placement.rotation
+        if last is not None:  # this step acts on it, also if it has read its odometry already
+            state.estimate *= 1.0 if state.placed else last.heading
+            state.position, state.measured = placement.of(last.position), placement.rotation * last.heading
+            state.before, state.spread = None, replaced(state.spread)
         state.placed, state.course, state.travelled = True, state.estimate, 0.0
         if jump is not None:
             state.jumped, state.calm = jump, 0.0
@@ -303,8 +311,11 @@ class Localisation:
         if last is not None:
             self.align(placement.of(last.position), placement.rotation * last.heading)
 
-    def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate) -> None:
-        """Record odometry, with which the localiser's poses of earlier moments are compared."""
+    def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate, over: float | None) -> None:
+        """Record odometry, with which the localiser's poses of earlier moments are compared.
+
+        `over` [s] after the message before; more than the limit are a gap.
+        """
         source = self._source
         if (
             self.map_frame is None
@@ -313,7 +324,9 @@ class Localisation:
         ):
             return
         placed = Placement(source.state.rotation, source.state.origin)
-        self.map_frame.moved(message, None if seen.jumped is None else placed)
+        gap = over is not None and over > self.stream.limit
+        self.map_frame.moved(message, None if seen.jumped is None else placed, gap=gap)
+        self.state.placed = self.state.placed and self.map_frame.state.placement is not None
 
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
@@ -343,7 +356,7 @@ class Localisation:
         self._follow_map()
         speed_before = self._odometry_speed
         seen = self._update_of(message, over, now)
-        self._map_passed(message, seen)
+        self._map_passed(message, seen, over)
         believed, state.position = state.position, seen.position
         state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None

@@ -8,6 +8,11 @@ A placement that the odometry can explain by its drift is taken, and the robot's
 (`OdometrySource.align`). One that it cannot explain is taken at once, as a jump, when `JUMP_AGREEMENTS` more
 agree with it: a localiser that has found itself agrees with odometry from then on, one that is frozen or
 guesses does not. After `MAX_JUMPS` within `JUMPS_DISTANCE` it is not believed until an operator has looked.
+
+AMCL repeats its newest transform, with new stamps, until its next update. What is repeated, to the last bit,
+is no news: it agrees with nothing and corrects nothing. An agreement counts only after motion, or after a
+while if the robot stands. AMCL tells nothing more of a robot that stands: a pose given to it by hand (RViz)
+is taken while an order holds the robot (`MapFrame.trust`), or when the robot has moved on.
 """
 
 from __future__ import annotations
@@ -22,10 +27,11 @@ from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import MapPose, Odometry, Transforms
 from formation.wire import BadMessage
 
-HISTORY_TIME = 2.0
-"""Age of a pose from which on it is refused [s, the robot's clock]."""
+HISTORY_TIME = 1.0
+"""Age of a pose from which on it is refused [s, the robot's clock]; AMCL's are 0.05 to 0.3 s old."""
 MAX_DEVIATION, MAX_HEADING_DEVIATION = 0.3, 0.3
-"""Standard deviation of a pose from which on it is refused [m; rad]: the localiser does not know yet."""
+"""Standard deviation of a pose from which on it is refused [m; rad]: the localiser does not know yet. Also
+the robot's motion since its stamp: a wrong clock, which looks like an age, shifts a placement by no more."""
 DRIFT_DISTANCE, DRIFT_SHARE = 0.2, 0.2
 """Change of the placement that odometry's drift and the localiser's noise explain [m], and the share of the
 distance travelled that is added."""
@@ -35,6 +41,11 @@ ANCHOR_DISTANCE = 1.0
 """Distance travelled over which the change counts [m]."""
 JUMP_AGREEMENTS = 2
 """Number of later placements that must agree with one that odometry cannot explain."""
+AGREEMENT_DISTANCE, AGREEMENT_ANGLE, AGREEMENT_TIME = 0.08, 0.15, 0.4
+"""Motion [m or rad] and time [s] from one agreement to the next. After two of them a frozen localiser, off by
+the motion, no longer agrees with itself; and a mistake must last for 0.8 s."""
+STANDING_TIME, STANDING_SHARE = 1.0, 0.25
+"""Time from one to the next where the robot stands [s], and the share of that motion that is standing."""
 MAX_JUMPS, JUMPS_DISTANCE = 3, 5.0
 """Number of jumps within so much travel [m] after which the localiser is not believed."""
 MAX_UNCORRECTED_DISTANCE = 5.0
@@ -73,9 +84,23 @@ class Suspect(NamedTuple):
     """A placement that odometry does not explain."""
 
     placement: Placement
-    travelled: float
-    """When it came [m]."""
+    first: Passed
+    """Odometry when it came."""
+    agreed: Passed
+    """The same of the newest agreement that counted."""
     agreements: int = 0
+
+
+class Told(NamedTuple):
+    """The newest transform of the localiser that was not refused."""
+
+    placement: Placement
+    stamp: float
+    """[s, the localiser's clock]"""
+    arrived: float
+    """Stamp of the newest odometry then [s, the robot's clock]."""
+    refused: float = math.inf
+    """Stamp of the newest one refused since [s, the localiser's clock]; infinite if none was."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -85,7 +110,7 @@ class MapFrameState:
     passed: deque[Passed] = field(default_factory=deque)
     """Odometry of the last `HISTORY_TIME` seconds, oldest first."""
     placement: Placement | None = None
-    """The newest that was taken; None before the first."""
+    """The newest that was taken; None before the first, and while that of a new count is unknown."""
     anchor: tuple[Placement, float] | None = None
     """One from up to `ANCHOR_DISTANCE` ago, and when it was taken [m travelled]."""
     suspect: Suspect | None = None
@@ -100,7 +125,11 @@ class MapFrameState:
     pose: tuple[complex, complex] | None = None
     """Position [m; map] and heading of the newest pose."""
     since: float = 0.0
-    """Stamp of the first of those poses that were equal to it [s]."""
+    """When the first of those poses came that were equal to it [m travelled]."""
+    told: Told | None = None
+    """The newest transform, also of a count before; None before the first."""
+    outdated: Placement | None = None
+    """That of odometry's count before, until the localiser knows the new one."""
 
 
 class MapFrame:
@@ -127,21 +156,38 @@ class MapFrame:
             return Reason.of(Code.LOCALISER_SILENT, distance=uncorrected, limit=MAX_UNCORRECTED_DISTANCE)
         return None
 
-    def trust(self) -> None:
-        """Believe the localiser again: an operator has looked."""
-        self.state.distrusted, self.state.jumps = False, []
+    def trust(self) -> Reason | None:
+        """Believe the localiser again: an order holds the robot, so that an operator can look.
 
-    def moved(self, odometry: Odometry, anew: Placement | None) -> None:
-        """Record odometry; where a new count has begun, `anew` is its placement, by dead reckoning."""
+        Its newest placement is taken, though nothing agrees with it, once the robot has stood for
+        `STANDING_TIME`; return that jump.
+        """
+        state = self.state
+        state.distrusted, state.jumps = False, []
+        if state.suspect is None or not self._stood_since(state.suspect.agreed, state.passed[-1]):
+            return None
+        return self._jump(state.suspect.placement, state.passed[-1])
+
+    def moved(self, odometry: Odometry, anew: Placement | None, *, gap: bool = False) -> None:
+        """Record odometry; where a new count has begun, `anew` is its placement, by dead reckoning.
+
+        After a `gap` in odometry that is not believed: the robot may have been carried.
+        """
         state, passed = self.state, self.state.passed
         travelled = self.travelled
+        set_back = bool(passed) and odometry.stamp < passed[-1].stamp
+        if set_back:  # the robot's clock: older stamps are to be believed again
+            state.stamp = -math.inf
+            state.told = None if state.told is None else state.told._replace(stamp=-math.inf)
         if anew is not None:
-            passed.clear()
-            state.suspect = None
             if state.placement is not None:  # what the localiser told was of the count before
-                state.placement, state.anchor = anew, (anew, travelled)
+                state.outdated = state.outdated or state.placement
+                state.placement, state.anchor = None if gap else anew, (anew, travelled)
         elif passed:
             travelled += abs(odometry.position - passed[-1].position)
+        if anew is not None or set_back:
+            passed.clear()
+            state.suspect = None
         passed.append(Passed(odometry.stamp, odometry.position, odometry.heading, travelled))
         while passed[0].stamp < odometry.stamp - HISTORY_TIME:
             passed.popleft()
@@ -157,43 +203,82 @@ class MapFrame:
         then = self._then(pose.stamp)
         if pose.stamp <= state.stamp:
             raise BadMessage(f"pose stamped {state.stamp - pose.stamp:.3f} s before the newest")
+        now = state.passed[-1]
+        moved = abs(now.position - then.position)
+        turned = abs(float(angle_between(then.heading, now.heading)))
+        if moved > MAX_DEVIATION or turned > MAX_HEADING_DEVIATION:
+            raise BadMessage(
+                f"pose {now.stamp - pose.stamp:.2f} s old: the robot moved {moved:.2f} m, {turned:.2f} rad"
+                f" since; limits {MAX_DEVIATION:g} m, {MAX_HEADING_DEVIATION:g} rad: check its clock"
+            )
         state.stamp = pose.stamp
         if state.pose != (pose.position, pose.heading):
-            state.pose, state.since = (pose.position, pose.heading), pose.stamp
-        elif self._moved_since(state.since, then) > MIN_FROZEN_DISTANCE:
+            state.pose, state.since = (pose.position, pose.heading), then.travelled
+        elif then.travelled - state.since > MIN_FROZEN_DISTANCE:
             raise BadMessage("pose frozen: the robot moved, and it is the same to the last bit")
+        else:
+            return None
         turn = unit(pose.heading / then.heading)
         return self._take(Placement(turn, pose.position - turn * then.position), then)
 
     def take_transforms(self, transforms: Transforms, world: str, frame: str) -> Reason | None:
-        """Take the transform from `world` to odometry's `frame`, if there is one; return as `take_pose`."""
-        if not self.state.passed:
+        """Take the transform from `world` to odometry's `frame`, if there is one; return as `take_pose`.
+
+        Stamps must rise, else it raises BadMessage; they may be in the future (AMCL's `transform_tolerance`).
+        Where none was taken for `HISTORY_TIME`, the localiser's clock was set back: any that rise are taken.
+        """
+        state, wanted = self.state, (_plain(world), _plain(frame))
+        found = [one for one in transforms.transforms if (_plain(one.parent), _plain(one.child)) == wanted]
+        if not found or not state.passed:
             return None
-        found = None
-        for one in transforms.transforms:
-            if (_plain(one.parent), _plain(one.child)) == (_plain(world), _plain(frame)):
-                found = self._take(Placement(one.heading, one.position), self.state.passed[-1]) or found
-        return found
+        one, told, then = found[-1], state.told, state.passed[-1]
+        if told is not None and one.stamp <= told.stamp:
+            silent = then.stamp - told.arrived > HISTORY_TIME
+            if not (silent and told.refused < one.stamp):
+                state.told = told._replace(refused=one.stamp)
+                raise BadMessage(f"transform stamped {told.stamp - one.stamp:.3f} s before the newest")
+        placement = Placement(one.heading, one.position)
+        state.told = Told(placement, one.stamp, then.stamp)
+        return None if told is not None and told.placement == placement else self._take(placement, then)
 
     def _take(self, placement: Placement, then: Passed) -> Reason | None:
         state = self.state
+        stale = state.outdated is not None and _explained(state.outdated, placement, then, 0.0)
         if state.placement is None or state.anchor is None:
-            self._place(placement, then)
+            if not stale:
+                self._place(placement, then)
+            elif state.suspect is None:  # true only where the robot is where the count before began
+                state.suspect = Suspect(placement, then, then)
             return None
         anchor, since = state.anchor
         if _explained(anchor, placement, then, DRIFT_SHARE * max(0.0, then.travelled - since)):
             state.placement, state.suspect, state.corrected = placement, None, then.travelled
+            state.outdated = None
             if then.travelled - since > ANCHOR_DISTANCE:
                 state.anchor = placement, then.travelled
             return None
+        if stale:
+            return None  # the localiser took the new count for motion
         before = state.suspect
-        if before is not None:
-            drift = DRIFT_SHARE * max(0.0, then.travelled - before.travelled)
-            if _explained(before.placement, placement, then, drift, DRIFT_DISTANCE / 2.0):
-                state.suspect = before._replace(agreements=before.agreements + 1)
-                return self._jump(placement, then) if state.suspect.agreements >= JUMP_AGREEMENTS else None
-        state.suspect = Suspect(placement, then.travelled)
+        drift = 0.0 if before is None else DRIFT_SHARE * max(0.0, then.travelled - before.first.travelled)
+        if before is None or not _explained(before.placement, placement, then, drift, DRIFT_DISTANCE / 2.0):
+            state.suspect = Suspect(placement, then, then)
+        elif self._counts(before, then):
+            state.suspect = before._replace(agreed=then, agreements=before.agreements + 1)
+            return self._jump(placement, then) if before.agreements + 1 >= JUMP_AGREEMENTS else None
         return None
+
+    def _counts(self, suspect: Suspect, then: Passed) -> bool:
+        """Whether an agreement of `then` is independent of those before."""
+        moved = _motion(suspect.first, then) >= suspect.agreements + 1
+        late = then.stamp - suspect.agreed.stamp >= AGREEMENT_TIME
+        return (moved and late) or self._stood_since(suspect.agreed, then)
+
+    def _stood_since(self, before: Passed, then: Passed) -> bool:
+        """Whether `STANDING_TIME` has passed, and the robot has stood lately."""
+        passed = self.state.passed
+        stood = _motion(passed[0], passed[-1]) <= STANDING_SHARE
+        return stood and then.stamp - before.stamp >= STANDING_TIME
 
     def _jump(self, placement: Placement, then: Passed) -> Reason:
         state, before = self.state, self.state.placement
@@ -207,7 +292,7 @@ class MapFrame:
     def _place(self, placement: Placement, then: Passed) -> None:
         state = self.state
         state.placement, state.anchor = placement, (placement, then.travelled)
-        state.suspect, state.corrected = None, then.travelled
+        state.suspect, state.outdated, state.corrected = None, None, then.travelled
 
     def _then(self, stamp: float) -> Passed:
         """Odometry at `stamp` [s], between two messages. Raises BadMessage if that is not known."""
@@ -227,10 +312,11 @@ class MapFrame:
             before.travelled + share * (after.travelled - before.travelled),
         )
 
-    def _moved_since(self, stamp: float, then: Passed) -> float:
-        """Distance travelled between two poses, as far as it is known [m]."""
-        first = self.state.passed[0]
-        return then.travelled - (first.travelled if stamp <= first.stamp else self._then(stamp).travelled)
+
+def _motion(before: Passed, after: Passed) -> float:
+    """Motion between two moments, as a multiple of that for an agreement."""
+    turn = abs(float(angle_between(before.heading, after.heading)))
+    return max(abs(after.position - before.position) / AGREEMENT_DISTANCE, turn / AGREEMENT_ANGLE)
 
 
 def _explained(

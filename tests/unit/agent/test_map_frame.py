@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import cmath
+import json
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.agent.core import Agent
+from formation.agent.persistence.state import Codec
 from formation.agent.pose.map_frame import (
+    AGREEMENT_TIME,
     HISTORY_TIME,
     JUMP_AGREEMENTS,
+    MAX_DEVIATION,
     MAX_JUMPS,
     MAX_UNCORRECTED_DISTANCE,
+    STANDING_TIME,
     MapFrame,
+    MapFrameState,
     Placement,
 )
 from formation.agent.simulated.plant import Plant
+from formation.control.plane import unit
 from formation.control.unicycle import AT_REST
 from formation.protocol.reasons import Code, Reason
-from formation.ros2.messages import MapPose, Odometry, Transform, Transforms, decode, encode
-from formation.topics import AMCL_POSE, TF
-from formation.wire import BadMessage
-from tests.support.fleet import Fleet
+from formation.ros2.messages import MapPose, Odometry, Pose, Transform, Transforms, decode, encode
+from formation.topics import AMCL_POSE, ODOM, POSITION, TF
+from formation.wire import BadMessage, Sample
+from tests.support.fleet import EPOCH, Fleet, at
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
 
@@ -64,6 +73,11 @@ class Drive:
             self.time - late, true.of(at) + off, true.rotation * self.heading, deviation, heading_deviation
         )
 
+    def told(self, placement: Placement, ahead: float = 1.0) -> Reason | None:
+        """Receive a transform, stamped `ahead` [s] as by AMCL."""
+        one = Transform(self.time + ahead, "map", "odom", placement.origin, placement.rotation)
+        return self.frame.take_transforms(Transforms((one,)), "map", "odom")
+
     @property
     def placed(self) -> Placement:
         assert self.frame.state.placement is not None
@@ -99,8 +113,31 @@ def test_late_pose_is_compared_with_odometry_of_then(late: float, heading: float
 def test_pose_older_than_the_history_is_refused() -> None:
     drive = Drive()
     drive.go(1.0)
-    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 2 s"):
+    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 1 s"):
         drive.frame.take_pose(drive.pose(late=2.5))
+
+
+@pytest.mark.parametrize("lag", [0.5, 0.9, 1.9])
+@pytest.mark.parametrize("speed", [0.2, 0.8])
+def test_wrong_clock_shifts_placement_by_bounded_distance(lag: float, speed: float) -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    for _ in range(100):
+        drive.go(0.2, speed)
+        with suppress(BadMessage):
+            drive.frame.take_pose(replace(drive.pose(), stamp=drive.time - lag))
+        assert off(drive.placed, TRUE, drive.at) <= MAX_DEVIATION
+    refused = lag > HISTORY_TIME or lag * speed > MAX_DEVIATION
+    assert (drive.doubted() is Code.LOCALISER_SILENT) == refused
+
+
+def test_pose_from_before_a_turn_is_refused() -> None:
+    drive = Drive()
+    before = drive.pose()
+    drive.heading *= cmath.rect(1.0, 0.4)
+    drive.step()
+    with pytest.raises(BadMessage, match=r"moved 0\.00 m, 0\.40 rad since; limits 0\.3 m, 0\.3 rad"):
+        drive.frame.take_pose(before)
 
 
 @pytest.mark.parametrize(("deviation", "heading_deviation"), [(0.5, 0.0), (0.0, 0.5)])
@@ -207,6 +244,132 @@ def test_transform_from_the_map_places_odometry() -> None:
     assert drive.frame.take_transforms(Transforms((wheel,)), "map", "odom") is None
 
 
+MOVED = TRUE._replace(origin=TRUE.origin + 2j)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
+def test_repeated_transform_agrees_with_nothing(speed: float) -> None:
+    drive = Drive()
+    drive.told(TRUE)
+    for _ in range(100):
+        drive.step(speed)
+        assert drive.told(MOVED) is None
+    assert drive.placed == TRUE
+
+
+def test_relocalisation_by_transforms_is_taken_after_two_updates() -> None:
+    """AMCL's, each repeated until the robot has moved by 0.25 m."""
+    drive, taken = Drive(), []
+    drive.told(TRUE)
+    for update in range(3):
+        moved = MOVED._replace(origin=MOVED.origin + 0.01 * update)
+        for _ in range(25):
+            drive.step(0.2)
+            taken.append(drive.told(moved))
+    assert [number for number, jump in enumerate(taken) if jump is not None] == [50]
+    assert off(drive.placed, MOVED, drive.at) < 0.03
+
+
+def test_repeated_transform_corrects_nothing() -> None:
+    drive = Drive()
+    for _ in range(27):
+        assert drive.told(TRUE) is None
+        drive.go(0.2)
+    assert drive.doubted() is Code.LOCALISER_SILENT
+
+
+def test_transform_whose_stamp_does_not_rise_is_refused() -> None:
+    drive = Drive()
+    drive.told(TRUE, ahead=100.0)
+    for ahead in (100.0, 20.0, -10.0):
+        drive.go(0.2)
+        with pytest.raises(BadMessage, match="before the newest"):
+            drive.told(MOVED, ahead - (drive.time - 100.0))
+    assert drive.frame.state.suspect is None
+
+
+def test_localiser_with_clock_set_back_is_heard_again() -> None:
+    drive, heard = Drive(), 0
+    drive.told(TRUE, ahead=3600.0)
+    drive.go(1.0)
+    for _ in range(3):
+        with suppress(BadMessage):
+            drive.told(TRUE._replace(origin=TRUE.origin + 0.01))
+            heard += 1
+        drive.step()
+    assert heard == 2
+
+
+def test_robot_with_clock_set_back_hears_its_localiser() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    drive.told(TRUE)
+    drive.time = 50.0
+    drive.step()
+    drive.frame.take_pose(drive.pose(off=0.01))
+    assert drive.told(TRUE._replace(origin=TRUE.origin + 0.02)) is None
+    assert drive.placed.origin == TRUE.origin + 0.02
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
+def test_short_mistake_at_high_rate_is_no_jump(speed: float) -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    for _ in range(round(2 * AGREEMENT_TIME / PERIOD)):
+        drive.step(speed)
+        assert drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6)) is None
+        assert drive.told(MOVED._replace(origin=MOVED.origin + drive.time * 1e-6)) is None
+    assert off(drive.placed, TRUE, drive.at) < 0.01
+
+
+def test_trembling_frozen_pose_at_high_rate_is_no_jump() -> None:
+    drive, draw = Drive(), np.random.default_rng(3)
+    first = drive.pose()
+    drive.frame.take_pose(first)
+    for _ in range(400):
+        drive.step(0.1)
+        wobble = 1e-3 * complex(*draw.normal(size=2))
+        assert drive.frame.take_pose(MapPose(drive.time, first.position + wobble, first.heading)) is None
+    assert off(drive.placed, TRUE, drive.at) < 0.5
+
+
+def test_standing_robot_is_relocalised_by_new_poses() -> None:
+    drive, taken = Drive(), None
+    drive.frame.take_pose(drive.pose())
+    while taken is None and drive.time < 110.0:
+        drive.step()
+        taken = drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6))
+    assert 2 * STANDING_TIME < drive.time - 100.0 < 2 * STANDING_TIME + 0.2
+
+
+def test_suspicion_is_saved_to_the_last_bit() -> None:
+    drive, codec = Drive(), Codec(MapFrameState)
+    drive.told(TRUE)
+    drive.frame.take_pose(drive.pose(MOVED))
+    drive.step()
+    drive.time = 50.0
+    drive.step()
+    drive.told(MOVED)
+    drive.frame.state.outdated = TRUE
+    assert codec.read(json.dumps(codec.write(drive.frame.state)).encode()) == drive.frame.state
+
+
+def test_pose_given_by_hand_is_taken_on_hold() -> None:
+    """AMCL publishes it once, and repeats its transform."""
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    drive.step()
+    drive.frame.take_pose(drive.pose(MOVED))
+    jumps = []
+    for _ in range(30):
+        drive.step()
+        drive.told(MOVED)
+        jumps.append(drive.frame.trust())
+    assert [jump.code for jump in jumps if jump is not None] == [Code.RELOCALISED]
+    assert jumps[10] is None
+    assert off(drive.placed, MOVED, drive.at) < 1e-9
+
+
 def test_tilted_transforms_are_skipped() -> None:
     upright = Transform(1.0, "map", "odom", 1.0, 1.0)
     payload = bytearray(encode(Transforms((upright,))))
@@ -240,6 +403,100 @@ def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
     fleet.run(4.0)
     assert agent.here.state.source.realigned == 1
     assert abs(agent.here.state.position - plant.position) < before + 0.03
+
+
+def told(fleet: Fleet, odometry: Odometry) -> Transform:
+    """The true transform from the map to robot1's odometry."""
+    plant = fleet.plant("robot1")
+    turn = unit(plant.heading / odometry.heading)
+    return Transform(odometry.stamp, "map", "odom", plant.position - turn * odometry.position, turn)
+
+
+@pytest.mark.parametrize("error", [0.0, 0.02])
+def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
+    """AMCL repeats it, or takes the new count for motion and tells about the same."""
+    fleet, newest = Fleet(PAIR), [Transform(0.0, "map", "odom", 0j, 1.0)]
+    draw, restarted = np.random.default_rng(4), False
+
+    def meddle(sample: Sample) -> tuple[Sample, ...]:
+        if sample.key != ODOM.key("robot1"):
+            return () if sample.key == AMCL_POSE.key("robot1") else (sample,)
+        odometry = decode(Odometry, sample.payload)
+        if not restarted:
+            newest[0] = told(fleet, odometry)
+        off = error * complex(*draw.normal(size=2)) if restarted else 0j
+        one = newest[0]._replace(stamp=odometry.stamp, position=newest[0].position + off)
+        return sample, sample._replace(key=TF.key("robot1"), payload=encode(Transforms((one,))))
+
+    fleet.meddle = meddle
+    fleet.run(12.0)
+    agent, plant, restarted = fleet.agents["robot1"], fleet.plant("robot1"), True
+    assert isinstance(plant, Plant)
+    plant._counts_from = plant.position, plant.heading
+    fleet.run(4.0)
+    assert agent.here.state.source.realigned == 1
+    assert abs(agent.here.state.position - plant.position) < 0.03
+
+
+def test_robot_holds_after_odometry_restarted_across_gap() -> None:
+    """It was carried meanwhile, and goes on once the localiser tells where it is."""
+    fleet, odom, amcl = Fleet(PAIR).after(12.0), ODOM.key("robot1"), AMCL_POSE.key("robot1")
+    fleet.meddle = lambda sample: () if sample.key in {odom, amcl} else (sample,)
+    fleet.run(2.0)
+    agent, plant = fleet.agents["robot1"], fleet.plant("robot1")
+    assert isinstance(plant, Plant)
+    plant.position += 1j
+    plant._counts_from = plant.position, plant.heading
+    fleet.meddle = lost(amcl)
+    fleet.run(2.0)
+    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
+    assert agent.command == AT_REST
+    pose = encode(MapPose(agent.here.stream.state.stamp, plant.position, plant.heading))
+    fleet.meddle = lambda sample: (sample, sample._replace(key=amcl, payload=pose))[
+        : 1 + (sample.key == odom)
+    ]
+    fleet.run(0.5)
+    assert agent.here.doubt is None
+    assert agent.command != AT_REST
+    assert abs(agent.here.state.position - plant.position) < 0.01
+
+
+@pytest.mark.parametrize("off", [0j, 0.05])
+def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
+    """True only if the robot is where that count began: an operator decides. A copy never is."""
+    drive = Drive()
+    drive.told(TRUE)
+    drive.go(1.0)
+    drive.at = 0j
+    drive.time += 2.0
+    drive.frame.moved(Odometry(drive.time, 0j, 1.0, 0.0, 0.0, frame="odom"), TRUE, gap=True)
+    for _ in range(40):
+        drive.step()
+        drive.told(TRUE._replace(origin=TRUE.origin + off))
+    assert drive.doubted() is Code.NOT_LOCALISED
+    assert (drive.frame.trust() is None) == (off == 0j)
+    drive.step()
+    drive.told(MOVED)
+    assert drive.doubted() is None
+
+
+@pytest.mark.parametrize("odometry_first", [False, True])
+def test_first_pose_in_one_step_with_odometry(odometry_first: bool) -> None:
+    """What is published in that step is in the map already."""
+    agent, time, published = Agent(PAIR, "robot1", publisher_id="any"), 10.0, []
+    for number in range(10):
+        time += PERIOD
+        odometry = Odometry(EPOCH + time, 1j, 1j, 0.0, 0.0, frame="odom")
+        inbox = [Sample(ODOM.key("robot1"), encode(odometry), None, time)]
+        if number == 5:
+            pose = MapPose(EPOCH + time - (0.0 if odometry_first else PERIOD), 3.0 - 2.0j, -1.0, 0.02, 0.02)
+            inbox.insert(odometry_first, Sample(AMCL_POSE.key("robot1"), encode(pose), None, time))
+        out = list(agent.step(at(time), inbox))
+        published += [decode(Pose, one.payload) for one in out if one.key == POSITION.key("robot1")]
+        if number >= 5:
+            assert abs(agent.here.heading - -1.0) < 1e-9
+    assert len(published) == 5
+    assert max(abs(one.position - (3.0 - 2.0j)) for one in published) < 1e-9
 
 
 def test_robot_without_a_pose_holds() -> None:

@@ -40,6 +40,7 @@ MISSIONS: dict[str, Mission] = {
     "pair": load("turtlebot3_pair"),
     "fallbacks": load("patrol"),
     "start frame": with_robots("six_robots", odometry_frame="start"),
+    "map": with_robots("turtlebot3_pair", odometry_frame="map"),
     "avoiding": with_robots("six_robots", avoid="all"),
     "scanning": with_robots("six_robots", scanner="required"),
     "scanning pair": with_robots("turtlebot3_pair", scanner="optional", **STEPS),
