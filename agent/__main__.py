@@ -26,7 +26,7 @@ EXAMPLES = """\
   formation agent field.toml --robot robot2 --robot-connect tcp/127.0.0.1:7447
   formation agent field.toml --robot robot2 -l tcp/0.0.0.0:7460 -e tcp/192.168.1.11:7460
   formation agent field.toml --robot robot2 -c zenoh.json5       certificates, access rules, endpoints
-  formation agent field.toml --robot robot2 --state /var/lib/formation     stopped stays stopped
+  formation agent field.toml --robot robot2 --state /var/lib/formation     keeps a stop over a restart
   formation agent field.toml --robot robot2 --law paper --cfg transport/link/tx/lease:2000
 """
 NODE = "formation_agent"

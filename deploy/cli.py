@@ -35,7 +35,7 @@ ALONE = "one process, for a machine of its own"
 FIELD = "in the field"
 COMMANDS = {
     "run": Command("deploy.local.run", "start every process of a mission here, watch it, record it", HERE),
-    "check": Command("deploy.check", "is this mission stable, how fast, how much delay does it bear?", HERE),
+    "check": Command("deploy.check", "is this mission stable, how fast, which delay does it tolerate?", HERE),
     "simulate": Command("deploy.simulate", "many starts, faster than real time, without a network", HERE),
     "rehearse": Command(
         "deploy.rehearse", "every process with faults, on a virtual clock, from one seed", HERE

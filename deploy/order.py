@@ -73,7 +73,7 @@ EXAMPLES = """\
   formation order six_robots shape wedge
   formation order six_robots rotate -30
   formation order six_robots speed 0.1 90    a tenth of a metre a second, to the left of x
-  formation order six_robots tune k_p=3 k_i=1.5
+  formation order six_robots tune k_p=3
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation order field stop                 robots with certificates, by the folder of their bundles
   formation order my_mission.toml stop -c operator/zenoh.json5     or with the operator's configuration

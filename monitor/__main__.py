@@ -240,7 +240,7 @@ def _flags() -> argparse.ArgumentParser:
     add_rotation_flags(flags)
     add_page_flags(flags).add_argument(
         "--control-config", metavar="FILE", type=Path,
-        help="Zenoh configuration of the operator, with his certificate (default: the monitor's own)",
+        help="Zenoh configuration with the operator's certificate (default: the monitor's own)",
     )  # fmt: skip
     group = flags.add_argument_group("Foxglove, live (extra: foxglove)", READ_ONLY)
     group.add_argument(

@@ -43,9 +43,10 @@ Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q end
   j  k  l      turn left, stop, turn right
   m  ,  .      back
 
-All robots hold as soon as the driver lets go, and at the latest 0.3 s after the newest input that reached the
-leader. A stop or a hold of an operator is in force until it is released: `formation order MISSION run`. An
-order of a speed or a route ends the drive.
+When you let go of a gamepad's button, all robots hold at once. Keys: up to 0.6 s after a tap, 0.15 s after a
+held key. --topic: 0.3 s after the last message. If nothing reaches the leader, all hold 0.3 s after the
+newest input that did. To end a hold, order `run`; to end a stop, order `release`, then `run`. An order of a
+speed or a route ends the drive.
 
 Exit code 0: ended by the driver; 1: the input failed; 2: nothing was started.
 """

@@ -29,7 +29,7 @@ def add_router(options: argparse.ArgumentParser) -> None:
         "--ros",
         default=ROUTER,
         metavar="ENDPOINT",
-        help="the ROS 2 bridge or router of this machine, for topics (default %(default)s)",
+        help="the ROS 2 bridge or router of this machine, which topics need (default %(default)s)",
     )
 
 

@@ -38,8 +38,8 @@ EXAMPLES = """\
   formation deploy certificates field.toml --out secrets
   formation deploy certificates field.toml --out secrets --renew --days 7
 
-Anyone with secrets/robot2/key.pem is robot2 to all others, and anyone with secrets/ca/key.pem can make
-himself any of them. Keep the folder on the desk; `formation deploy bundle` takes from it what a robot needs.
+Anyone with secrets/robot2/key.pem can send as robot2, and anyone with secrets/ca/key.pem can issue any
+certificate. Keep the folder on the desk; `formation deploy bundle` takes from it what a robot needs.
 """
 
 

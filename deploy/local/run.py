@@ -158,7 +158,7 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--watchdogs",
         action="store_true",
-        help="a watchdog beside each robot, as in the field: one process more",
+        help="a watchdog beside each robot, as in the field: one process more for each robot",
     )
     add_page_flags(options)
     add_world_flags(options)

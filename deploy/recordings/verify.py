@@ -242,7 +242,7 @@ def _first(one: Comparison, start: float) -> dict[str, Any]:
 def _options() -> argparse.ArgumentParser:
     options = parser(
         "replay FILE --verify",
-        "Have today's agents live through a recording, and compare what they command.",
+        "Have today's agents process a recording again, and compare what they command.",
         EXAMPLES,
     )
     options.add_argument("file", metavar="FILE", type=Path, help="the recording; any part of it")

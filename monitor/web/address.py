@@ -25,8 +25,8 @@ With --control they need the token to give orders, but plain HTTP carries the to
 that only in a network where every member may stop and drive the robots.
 """
 CONTROL = """\
-buttons for stop, hold, run and shape, shown if the page is opened by its whole address: the token in it is
-new at every start\
+buttons for stop, hold, run, release and shape, a pad to drive, a route; shown if the page is opened by its
+whole address: the token in it is new at every start\
 """
 
 

@@ -49,10 +49,8 @@ LONG_AGO_AGE = 3600.0
 
 ANSWER_TIMEOUT_SECONDS = 3.0
 """Time for all robots to answer [s]."""
-NO_PAPERS = "robots under certificates obey the operator alone: --control-config FILE names his configuration"
-OTHERS_PAPERS = (
-    "robots under certificates obey the operator alone: is the certificate in --control-config his?"
-)
+NO_PAPERS = "robots under certificates obey the operator alone: name its configuration, --control-config FILE"
+OTHERS_PAPERS = "robots under certificates obey the operator alone: is that certificate in --control-config?"
 
 
 class Overruled(ValueError):  # noqa: N818 - the order is valid, but comes at the wrong moment

@@ -147,5 +147,5 @@ def test_robot_certificate_stops_no_robot_and_explains_why(team: Team, tmp_path:
     with monitored(team, "--control-config", str(thief)) as page:
         since, stop = time.monotonic(), page.order("stop")
         assert (stop.status, stop.obeyed) == (200, set())
-        assert "is the certificate in --control-config his?" in stop.report["why"]
+        assert "is that certificate in --control-config?" in stop.report["why"]
         drives_on(team, since)

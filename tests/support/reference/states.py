@@ -58,8 +58,21 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("no own position yet", [_with(silence=NEVER)]),
     ("own position silent for longer than three periods", [_with(silence=1.0)]),
     ("own position too old on arrival", [_with(too_old=True, age=1.0, age_limit=0.5), _with(too_old=True)]),
-    ("own position jumped", _because("jumped", Code.POSITION_JUMPED, Code.HEADING_JUMPED)),
-    ("own position not credible", _because("doubt", Code.POSITION_TOO_FAR, Code.HEADING_CONTRADICTED)),
+    (
+        "own position jumped",
+        _because("jumped", Code.POSITION_JUMPED, Code.HEADING_JUMPED, Code.RELOCALISED),
+    ),
+    (
+        "own position not credible",
+        _because(
+            "doubt",
+            Code.POSITION_TOO_FAR,
+            Code.HEADING_CONTRADICTED,
+            Code.NOT_LOCALISED,
+            Code.LOCALISER_SILENT,
+            Code.LOCALISER_JUMPS,
+        ),
+    ),
     ("gap in the own positions", [_with(follows=False)]),
     ("outside the mission's bounds", _because("outside", Code.OUTSIDE_BOUNDS)),
     ("scanner required, no scan yet", [_with(scan_silence=NEVER)]),

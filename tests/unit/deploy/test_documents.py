@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from formation.deploy.cli import COMMANDS
 from formation.deploy.env import ROOT
+from formation.deploy.rehearsal.faults import KINDS
 from formation.mission.file import shipped
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import STATES
@@ -82,6 +83,13 @@ def test_every_command_and_mission_it_names_exists() -> None:
         assert set(named) <= set(COMMANDS), page.name
     for name in shipped():
         assert f"`{name}`" in README
+
+
+def test_guide_describes_every_fault_of_a_rehearsal() -> None:
+    page = (ROOT / "docs" / "guide" / "rehearsal.md").read_text(encoding="utf-8")
+    described = re.findall(r"^\| `(\w+)` \| (robot|any) \| (.*) \|$", page, re.MULTILINE)
+    kinds = {name: ("robot" if kind.robots_only else "any", kind.what) for name, kind in KINDS.items()}
+    assert {name: (whose, what) for name, whose, what in described} == kinds
 
 
 def test_the_router_line_of_the_guide_exports_nothing() -> None:
