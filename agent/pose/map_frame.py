@@ -91,7 +91,7 @@ class Suspect(NamedTuple):
     agreements: int = 0
 
 
-class Told(NamedTuple):
+class Received(NamedTuple):
     """The newest transform of the localiser that was not refused."""
 
     placement: Placement
@@ -126,7 +126,7 @@ class MapFrameState:
     """Position [m; map] and heading of the newest pose."""
     since: float = 0.0
     """When the first of those poses came that were equal to it [m travelled]."""
-    told: Told | None = None
+    newest: Received | None = None
     """The newest transform, also of a count before; None before the first."""
     outdated: Placement | None = None
     """That of odometry's count before, until the localiser knows the new one."""
@@ -178,7 +178,7 @@ class MapFrame:
         set_back = bool(passed) and odometry.stamp < passed[-1].stamp
         if set_back:  # the robot's clock: older stamps are to be believed again
             state.stamp = -math.inf
-            state.told = None if state.told is None else state.told._replace(stamp=-math.inf)
+            state.newest = None if state.newest is None else state.newest._replace(stamp=-math.inf)
         if anew is not None:
             if state.placement is not None:  # what the localiser told was of the count before
                 state.outdated = state.outdated or state.placement
@@ -231,15 +231,15 @@ class MapFrame:
         found = [one for one in transforms.transforms if (_plain(one.parent), _plain(one.child)) == wanted]
         if not found or not state.passed:
             return None
-        one, told, then = found[-1], state.told, state.passed[-1]
-        if told is not None and one.stamp <= told.stamp:
-            silent = then.stamp - told.arrived > HISTORY_TIME
-            if not (silent and told.refused < one.stamp):
-                state.told = told._replace(refused=one.stamp)
-                raise BadMessage(f"transform stamped {told.stamp - one.stamp:.3f} s before the newest")
+        one, newest, then = found[-1], state.newest, state.passed[-1]
+        if newest is not None and one.stamp <= newest.stamp:
+            silent = then.stamp - newest.arrived > HISTORY_TIME
+            if not (silent and newest.refused < one.stamp):
+                state.newest = newest._replace(refused=one.stamp)
+                raise BadMessage(f"transform stamped {newest.stamp - one.stamp:.3f} s before the newest")
         placement = Placement(one.heading, one.position)
-        state.told = Told(placement, one.stamp, then.stamp)
-        return None if told is not None and told.placement == placement else self._take(placement, then)
+        state.newest = Received(placement, one.stamp, then.stamp)
+        return None if newest is not None and newest.placement == placement else self._take(placement, then)
 
     def _take(self, placement: Placement, then: Passed) -> Reason | None:
         state = self.state

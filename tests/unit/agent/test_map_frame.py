@@ -73,7 +73,7 @@ class Drive:
             self.time - late, true.of(at) + off, true.rotation * self.heading, deviation, heading_deviation
         )
 
-    def told(self, placement: Placement, ahead: float = 1.0) -> Reason | None:
+    def receive(self, placement: Placement, ahead: float = 1.0) -> Reason | None:
         """Receive a transform, stamped `ahead` [s] as by AMCL."""
         one = Transform(self.time + ahead, "map", "odom", placement.origin, placement.rotation)
         return self.frame.take_transforms(Transforms((one,)), "map", "odom")
@@ -250,22 +250,22 @@ MOVED = TRUE._replace(origin=TRUE.origin + 2j)
 @pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
 def test_repeated_transform_agrees_with_nothing(speed: float) -> None:
     drive = Drive()
-    drive.told(TRUE)
+    drive.receive(TRUE)
     for _ in range(100):
         drive.step(speed)
-        assert drive.told(MOVED) is None
+        assert drive.receive(MOVED) is None
     assert drive.placed == TRUE
 
 
 def test_relocalisation_by_transforms_is_taken_after_two_updates() -> None:
     """AMCL's, each repeated until the robot has moved by 0.25 m."""
     drive, taken = Drive(), []
-    drive.told(TRUE)
+    drive.receive(TRUE)
     for update in range(3):
         moved = MOVED._replace(origin=MOVED.origin + 0.01 * update)
         for _ in range(25):
             drive.step(0.2)
-            taken.append(drive.told(moved))
+            taken.append(drive.receive(moved))
     assert [number for number, jump in enumerate(taken) if jump is not None] == [50]
     assert off(drive.placed, MOVED, drive.at) < 0.03
 
@@ -273,28 +273,28 @@ def test_relocalisation_by_transforms_is_taken_after_two_updates() -> None:
 def test_repeated_transform_corrects_nothing() -> None:
     drive = Drive()
     for _ in range(27):
-        assert drive.told(TRUE) is None
+        assert drive.receive(TRUE) is None
         drive.go(0.2)
     assert drive.doubted() is Code.LOCALISER_SILENT
 
 
 def test_transform_whose_stamp_does_not_rise_is_refused() -> None:
     drive = Drive()
-    drive.told(TRUE, ahead=100.0)
+    drive.receive(TRUE, ahead=100.0)
     for ahead in (100.0, 20.0, -10.0):
         drive.go(0.2)
         with pytest.raises(BadMessage, match="before the newest"):
-            drive.told(MOVED, ahead - (drive.time - 100.0))
+            drive.receive(MOVED, ahead - (drive.time - 100.0))
     assert drive.frame.state.suspect is None
 
 
 def test_localiser_with_clock_set_back_is_heard_again() -> None:
     drive, heard = Drive(), 0
-    drive.told(TRUE, ahead=3600.0)
+    drive.receive(TRUE, ahead=3600.0)
     drive.go(1.0)
     for _ in range(3):
         with suppress(BadMessage):
-            drive.told(TRUE._replace(origin=TRUE.origin + 0.01))
+            drive.receive(TRUE._replace(origin=TRUE.origin + 0.01))
             heard += 1
         drive.step()
     assert heard == 2
@@ -303,11 +303,11 @@ def test_localiser_with_clock_set_back_is_heard_again() -> None:
 def test_robot_with_clock_set_back_hears_its_localiser() -> None:
     drive = Drive()
     drive.frame.take_pose(drive.pose())
-    drive.told(TRUE)
+    drive.receive(TRUE)
     drive.time = 50.0
     drive.step()
     drive.frame.take_pose(drive.pose(off=0.01))
-    assert drive.told(TRUE._replace(origin=TRUE.origin + 0.02)) is None
+    assert drive.receive(TRUE._replace(origin=TRUE.origin + 0.02)) is None
     assert drive.placed.origin == TRUE.origin + 0.02
 
 
@@ -318,7 +318,7 @@ def test_short_mistake_at_high_rate_is_no_jump(speed: float) -> None:
     for _ in range(round(2 * AGREEMENT_TIME / PERIOD)):
         drive.step(speed)
         assert drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6)) is None
-        assert drive.told(MOVED._replace(origin=MOVED.origin + drive.time * 1e-6)) is None
+        assert drive.receive(MOVED._replace(origin=MOVED.origin + drive.time * 1e-6)) is None
     assert off(drive.placed, TRUE, drive.at) < 0.01
 
 
@@ -344,12 +344,12 @@ def test_standing_robot_is_relocalised_by_new_poses() -> None:
 
 def test_suspicion_is_saved_to_the_last_bit() -> None:
     drive, codec = Drive(), Codec(MapFrameState)
-    drive.told(TRUE)
+    drive.receive(TRUE)
     drive.frame.take_pose(drive.pose(MOVED))
     drive.step()
     drive.time = 50.0
     drive.step()
-    drive.told(MOVED)
+    drive.receive(MOVED)
     drive.frame.state.outdated = TRUE
     assert codec.read(json.dumps(codec.write(drive.frame.state)).encode()) == drive.frame.state
 
@@ -363,7 +363,7 @@ def test_pose_given_by_hand_is_taken_on_hold() -> None:
     jumps = []
     for _ in range(30):
         drive.step()
-        drive.told(MOVED)
+        drive.receive(MOVED)
         jumps.append(drive.frame.trust())
     assert [jump.code for jump in jumps if jump is not None] == [Code.RELOCALISED]
     assert jumps[10] is None
@@ -405,7 +405,7 @@ def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
     assert abs(agent.here.state.position - plant.position) < before + 0.03
 
 
-def told(fleet: Fleet, odometry: Odometry) -> Transform:
+def true_transform(fleet: Fleet, odometry: Odometry) -> Transform:
     """The true transform from the map to robot1's odometry."""
     plant = fleet.plant("robot1")
     turn = unit(plant.heading / odometry.heading)
@@ -423,7 +423,7 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
             return () if sample.key == AMCL_POSE.key("robot1") else (sample,)
         odometry = decode(Odometry, sample.payload)
         if not restarted:
-            newest[0] = told(fleet, odometry)
+            newest[0] = true_transform(fleet, odometry)
         off = error * complex(*draw.normal(size=2)) if restarted else 0j
         one = newest[0]._replace(stamp=odometry.stamp, position=newest[0].position + off)
         return sample, sample._replace(key=TF.key("robot1"), payload=encode(Transforms((one,))))
@@ -465,18 +465,18 @@ def test_robot_holds_after_odometry_restarted_across_gap() -> None:
 def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
     """True only if the robot is where that count began: an operator decides. A copy never is."""
     drive = Drive()
-    drive.told(TRUE)
+    drive.receive(TRUE)
     drive.go(1.0)
     drive.at = 0j
     drive.time += 2.0
     drive.frame.moved(Odometry(drive.time, 0j, 1.0, 0.0, 0.0, frame="odom"), TRUE, gap=True)
     for _ in range(40):
         drive.step()
-        drive.told(TRUE._replace(origin=TRUE.origin + off))
+        drive.receive(TRUE._replace(origin=TRUE.origin + off))
     assert drive.doubted() is Code.NOT_LOCALISED
     assert (drive.frame.trust() is None) == (off == 0j)
     drive.step()
-    drive.told(MOVED)
+    drive.receive(MOVED)
     assert drive.doubted() is None
 
 
