@@ -34,6 +34,8 @@ from formation.ros2.messages import LaserScan
 from formation.sensing.detection import Beams, Detection, beams
 from formation.wire import Now
 
+LIMITED = (Code.SCAN_BLIND, Code.SCAN_SHORT, Code.SCAN_SECTOR)
+"""Doubts about a scan that shows what it shows, and not enough to drive by it alone."""
 START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
 """Standard deviation of a start pose, and of one that is in doubt, per axis [m; rad]."""
 PLACE_DEVIATION = 0.005
@@ -174,7 +176,7 @@ class Perception:
         One that is frozen, late or early, or not placed by believable speeds, is not used.
         """
         times, doubt = scanner.state, scanner.doubt
-        if doubt is None or doubt.code is Code.SCAN_BLIND:
+        if doubt is None or doubt.code in LIMITED:
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan, self._noise), times.began, times.ended, against)
 
