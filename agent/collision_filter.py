@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourState, answers
 from formation.agent.pose.estimator import Localisation
-from formation.agent.safety.scanner import MAX_OBSTACLE_DISTANCE, Scanner, ScannerState
+from formation.agent.safety.scanner import MAX_EMPTY_TIME, MAX_OBSTACLE_DISTANCE, Scanner, ScannerState
 from formation.control.avoidance import Avoidance, Obstacle
 from formation.control.controller import Controller
 from formation.control.pipeline import ControlState, Outcome
@@ -78,6 +78,21 @@ class Avoiding:
         strangers = self._strangers(obstacles, known, now)
         sight = None if self.scanner is None else self.scanner.sight(strangers, now)
         return [] if self.mode == "off" else [*obstacles.values(), *self._seen(strangers)], sight
+
+    def expect(self, here: Localisation, around: Neighbourhood, now: Now) -> None:
+        """Tell the scanner how far away the robots are that it should show."""
+        if self.scanner is None:
+            return
+        each, age = {}, here.stream.age(now)
+        if self.scanner.empty(now) > MAX_EMPTY_TIME:
+            each = {name: one for name, one in {**around.each, **self.others}.items() if one.fresh(now)}
+        self.scanner.expect(
+            {
+                name: abs(one.around(now, age, body=True).at - here.state.position)
+                for name, one in each.items()
+                if one.state.body is not None
+            }
+        )
 
     def stepped(self, state: ControlState, outcome: Outcome) -> None:
         """Store the filter's state and the protective zone that the control step returned."""

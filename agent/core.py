@@ -234,6 +234,7 @@ class Agent:
         if self.perception is not None and self.state.moved:
             self.perception.step(self.here, self.others, now)
         self.neighbours.judge(self.here.state.age_limit, now)
+        self.avoiding.expect(self.here, self.neighbours, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
         ordered = self.orders.newest

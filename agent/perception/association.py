@@ -4,7 +4,8 @@ Pure. A neighbour is expected where it says that it is, as seen from where this 
 cylinder of its radius that is near enough, in units of the uncertainty of both, is that neighbour, unless
 another one fits almost as well, also one that is partly hidden, or that one fits another robot almost as
 well: then none is chosen. Where the way to the expected place is free, beams that end behind it, or a
-cylinder of that size beside it, show that the neighbour is not there.
+cylinder of that size beside it, show that the neighbour is not there. So do several scans in which no beam
+comes back from there, though others do from elsewhere.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ class Outcome(StrEnum):
     SEEN = "seen"
     """It is where it says."""
     HIDDEN = "hidden"
-    """Nothing is known: out of range, hidden, or no beam came back."""
+    """Nothing is known: out of range, hidden, or no beam of the scan came back."""
+    MISSING = "missing"
+    """No beam came back from its place, nor from anything before it: they may be lost."""
     UNCLEAR = "unclear"
     """Several cylinders, or several robots, fit."""
     ABSENT = "absent"
@@ -76,6 +79,8 @@ class Found(NamedTuple):
     outcome: Outcome
     detection: Detection | None = None
     """Only if it is seen."""
+    missed: float = 0.0
+    """Only if it is missing: number of beams that should have met it."""
 
 
 def search_distance(candidate: Candidate, scan: Beams) -> float:
@@ -129,7 +134,10 @@ def _found(
             for squared, segment, _ in theirs
             if squared <= MAX_SQUARED_DISTANCE
         }
-        return Found(Outcome.ABSENT if _is_absent(scan, one, taken) else Outcome.HIDDEN)
+        if _is_absent(scan, one, taken):
+            return Found(Outcome.ABSENT)
+        missed = _missed(scan, one)
+        return Found(Outcome.MISSING if missed else Outcome.HIDDEN, missed=missed)
     squared, segment, seen = mine[0]
     if not seen.whole:
         return Found(Outcome.UNCLEAR)
@@ -169,3 +177,20 @@ def _is_absent(scan: Beams, one: Candidate, taken: Collection[Segment]) -> bool:
         not any(segment.distance < one.distance for segment in segments)
         and covered(scan, segments, one.angle, half) > MIN_COVERED_SHARE
     )
+
+
+def _missed(scan: Beams, one: Candidate) -> float:
+    """Number of beams that should have met a robot whose place no beam came back from.
+
+    0 if something before it may hide it, if it is too far away, and for a scan without any hit, whose
+    scanner may be covered.
+    """
+    reach = search_distance(one, scan)
+    expected = expected_beams(one.radius, one.distance, scan.increment)
+    if not scan.segments or expected < MIN_EXPECTED_BEAMS or one.distance + reach > scan.range_max:
+        return 0.0
+    half = _half_angle(one, reach + one.radius)
+    if not scan.covers(one.angle, half):
+        return 0.0
+    hidden = any(segment.distance < one.distance + reach for segment in around(scan, one.angle, half))
+    return 0.0 if hidden else expected

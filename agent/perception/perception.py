@@ -7,8 +7,8 @@ come back to the robot that made it.
 
 The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans, and nowhere else.
 It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
-the error may be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no
-longer locked.
+the error may be `MAX_RECKONING_ERROR`; others do not use it meanwhile. If for `MAX_REFUSED_TIME` neighbours
+are not where they say, it is no longer locked.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ from formation.ros2.messages import LaserScan
 from formation.sensing.detection import Beams, Detection, beams
 from formation.wire import Now
 
+LIMITED = (Code.SCAN_BLIND, Code.SCAN_SHORT, Code.SCAN_SECTOR)
+"""Doubts about a scan that shows what it shows, and not enough to drive by it alone."""
 START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
 """Standard deviation of a start pose, and of one that is in doubt, per axis [m; rad]."""
 PLACE_DEVIATION = 0.005
@@ -44,6 +46,9 @@ LONE_WEIGHT = 0.1
 """Weight of a scan that shows one of several neighbours: it does not tell the heading."""
 MAX_REFUSED_TIME = 2.0
 """Time for which neighbours may not be where they say [s]."""
+MIN_MISSED_BEAMS = 12.0
+"""Beams in a row that did not come back from a neighbour's place, from which on it is not there: of 10 % lost
+beams that are too many."""
 MIN_RECKONING_TIME = 2.0
 """Time without a seen neighbour after which the status says so [s]."""
 MAX_RECKONING_TIME = 30.0
@@ -102,6 +107,8 @@ class MateState:
     """When it was seen last [s, monotonic]."""
     deviation: float = 0.0
     """Standard deviation of its place relative to this robot, by the newest scan [m]."""
+    missed: float = 0.0
+    """Beams in a row that should have met it, and did not come back."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -174,7 +181,7 @@ class Perception:
         One that is frozen, late or early, or not placed by believable speeds, is not used.
         """
         times, doubt = scanner.state, scanner.doubt
-        if doubt is None or doubt.code is Code.SCAN_BLIND:
+        if doubt is None or doubt.code in LIMITED:
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan, self._noise), times.began, times.ended, against)
 
@@ -209,7 +216,8 @@ class Perception:
 
     def placed(self, now: Now) -> bool:
         """Whether its position is a landmark for others: it can be relied on, and no longer moves there."""
-        return self.doubt(now) is None and self.state.misplacement < MAX_MISPLACEMENT
+        seen = self.doubt(now) is None and self.sight(now) is Sight.LOCKED
+        return seen and self.state.misplacement < MAX_MISPLACEMENT
 
     def ages(self, now: Now) -> dict[str, float]:
         """Time since each neighbour was seen last [s], of those that have been seen."""
@@ -231,6 +239,8 @@ class Perception:
         state = self.state
         if not state.locked:
             absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
+            if not absent and state.refused_since < math.inf:
+                absent = list(self.mates)
             if absent:
                 return Reason.of(Code.SIGHT_CONTRADICTED, robots=absent)
             if state.agreed >= LOCK_SCANS:
@@ -276,6 +286,7 @@ class Perception:
         for name, mate in state.mates.items():
             mate.outcome = Outcome.HIDDEN
             if name not in found:
+                mate.missed = 0.0
                 continue
             seen = found[name].detection
             mate.outcome, mate.deviation = found[name].outcome, expected[name].candidate.deviation
@@ -283,7 +294,19 @@ class Perception:
                 mate.outcome = Outcome.UNCLEAR
             if mate.outcome is Outcome.SEEN:
                 mate.seen_at = now.mono
+            mate.missed += found[name].missed
+            if mate.outcome not in {Outcome.MISSING, Outcome.ABSENT}:
+                mate.missed = 0.0
+        self._refuse_missing()
         self._judge(now.mono)
+
+    def _refuse_missing(self) -> None:
+        """Take neighbours for absent of which too many beams are missing, unless another one is seen."""
+        mates = self.state.mates.values()
+        if not any(mate.outcome is Outcome.SEEN for mate in mates):
+            for mate in mates:
+                if mate.outcome is Outcome.MISSING and mate.missed >= MIN_MISSED_BEAMS:
+                    mate.outcome = Outcome.ABSENT
 
     def _judge(self, moment: float) -> None:
         """Decide whether the robot is locked, after a scan at `moment` [s, monotonic]."""

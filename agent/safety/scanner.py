@@ -8,9 +8,10 @@ odometry that restarts moves an obstacle.
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from formation.agent.pose.sources import believable
 from formation.agent.pose.stream import Stream, StreamState
 from formation.control.tracker import FRESH_PERIODS
 from formation.control.unicycle import AT_REST, Command, along, driven
-from formation.control.zones import Body, Sight, Zone
+from formation.control.zones import MIN_VIEW_ANGLE, Body, Sight, Zone
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import LaserScan
@@ -44,23 +45,32 @@ MIN_EQUAL_BEAMS = 8
 """Hits that must have been repeated, in all: a few may be equal by chance."""
 MIN_REPEAT_SHARE = 0.75
 """Share of the mission's period after which a scan counts as another: some drivers publish one twice."""
+MAX_REMEMBERED_SCANS = 16
+"""Earlier scans with which a new one is compared: some drivers send old ones in turn."""
+MAX_EMPTY_TIME = 3.0
+"""Time for which no beam may come back while other robots should be seen [s]."""
 
 
 class Repeated(NamedTuple):
-    """A scan that is received again and again, and the robot's motion since it came first."""
+    """A scan that may be received again, and the robot's motion since it came first."""
 
     digest: str
     """Of its ranges."""
     since: float
     """When it first ended [s, monotonic]."""
     beams: int = 0
-    """Number of hits that were repeated."""
+    """Number of its hits that were repeated since the newest scan that was none of those before."""
     at: complex = 0j
     """Where the robot is now [m; body frame at `since`]."""
     facing: complex = 1.0 + 0.0j
     """Its heading, unit [the same frame]."""
     turn: float = 0.0
     """Its turn [rad]."""
+
+    def moved(self, at: complex, facing: complex, turn: float) -> Repeated:
+        """The same after a motion of the robot, to that pose in its frame before and by `turn` [rad]."""
+        there = self.at + self.facing * at
+        return self._replace(at=there, facing=self.facing * facing, turn=self.turn + turn)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -80,10 +90,22 @@ class ScannerState:
     """When the newest scan ended [s, monotonic]."""
     range_min: float = 0.0
     """Of the newest scan [m]."""
+    range_max: float = math.inf
+    """Of the newest scan [m]."""
+    increment: float = math.tau
+    """Angle between two beams of the newest scan [rad]."""
+    unseen: tuple[complex, ...] = ()
+    """Directions in which it has no beam, unit [body frame]."""
+    invalid: bool = False
+    """Whether none of its beams is a measurement."""
+    empty_since: float = math.inf
+    """Since when no beam has come back [s, monotonic]."""
+    missing: tuple[str, ...] = ()
+    """Robots that scans without any hit should have shown for long."""
     overhang: float = 0.0
     """Distance by which a body may reach beyond what the newest scan shows of it [m]."""
-    repeated: Repeated | None = None
-    """How the newest scan repeats those before; None if it hit nothing."""
+    repeated: tuple[Repeated, ...] = ()
+    """The newest scans that hit something, without their repetitions, oldest first."""
     frozen: Reason | None = None
     """Why it is no measurement of the present; None if it is one."""
     wrong: Held | None = None
@@ -106,10 +128,16 @@ class Scanner:
         self._overhangs = {name: mission.robots[name].overhang for name in mission.followers if name != robot}
         # distance from the scanner to what is outside of body and margin [m]
         self._sees_from = spec.radius + spec.margin - abs(spec.scan.mount.at)
+        # a robot that must see its neighbours judges by itself whether it does
+        seen = {} if spec.measurement == "scan" else {n: mission.robots[n].seen for n in mission.followers}
+        self._shown = {name: one.radius for name, one in seen.items() if one.radius is not None}
         self._body = Body(spec.radius, spec.margin, spec.scan.lag)
         self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the watchdog stops the robot [s]
         longest = self.stream.limit + self.stream.longest_delay  # age of a scan
         self._keeps = longest + LONGEST_SWEEP  # speeds [s]
+        still = self.stream.limit + self._lasts + spec.scan.lag  # for so long it may drive after a scan [s]
+        # distance to which the scanner must see, so that the robot can stop from its top speed [m]
+        self._sees_to = spec.radius + spec.margin + abs(spec.scan.mount.at) + spec.max_speed * still
         zone = spec.radius + spec.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
         # what is further away than this cannot matter before the next scan
         self._reach = max(MAX_OBSTACLE_DISTANCE, zone) + spec.max_speed * longest
@@ -161,9 +189,14 @@ class Scanner:
         # no scan arrives before it is made: some drivers stamp the last beam
         state.began = min(began, arrived - sweep)
         state.ended = state.began + sweep
-        state.range_min = scan.range_min
+        state.range_min, state.range_max = scan.range_min, scan.range_max
+        view = scan.angle_min, scan.angle_increment, len(scan.ranges)
+        state.unseen = scans.unseen(*view, self._scan.mount.heading) if self.required else ()
+        state.increment, state.invalid = abs(scan.angle_increment), scan.invalid
         motion = self._motion(state.began, state.ended) if sweep else STOOD
         hits = scans.points(scan, self._scan.mount, self._radius, motion, against=signed < 0.0)
+        state.empty_since = math.inf if hits else min(state.empty_since, state.ended)
+        state.missing = () if hits else state.missing
         self._compare(scan, len(hits), before)
         found = scans.circles(hits, scan.angle_increment)
         reach = self._reach + self.margin - self._margin
@@ -178,23 +211,22 @@ class Scanner:
         return self.stream.fresh(now) and self.state.frozen is None
 
     def _compare(self, scan: LaserScan, hits: int, before: float) -> None:
-        """Compare a scan with the one before, which ended at `before` [s, monotonic].
+        """Compare a scan with those before, of which the newest ended at `before` [s, monotonic].
 
         While the robot moves no two scans are equal, unless they hit nothing.
         """
         state, digest = self.state, blake2b(array("d", scan.ranges), digest_size=8).hexdigest()
-        known, state.frozen = state.repeated, None
-        if known is None or known.digest != digest or not hits:
-            state.repeated = Repeated(digest, state.ended) if hits else None
+        motion = *self._went(before, state.ended), self._motion(before, state.ended).turn
+        each, state.frozen = [one.moved(*motion) for one in state.repeated], None
+        number = next((number for number, one in enumerate(each) if one.digest == digest), None)
+        if number is None and hits:
+            each = [one._replace(beams=0) for one in each] + [Repeated(digest, state.ended)]
+        state.repeated = tuple(each[-MAX_REMEMBERED_SCANS:])
+        if number is None:
             return
-        at, facing = self._went(before, state.ended)
-        known = known._replace(
-            beams=known.beams + hits,
-            at=known.at + known.facing * at,
-            facing=known.facing * facing,
-            turn=known.turn + self._motion(before, state.ended).turn,
-        )
-        state.repeated, over = known, state.ended - known.since
+        known = each[number]._replace(beams=each[number].beams + hits)
+        state.repeated = (*each[:number], known, *each[number + 1 :])
+        over = state.ended - known.since
         turn_limit = max(FROZEN_ANGLE, 2.0 * abs(scan.angle_increment))
         moved = abs(known.at) > FROZEN_DISTANCE or abs(known.turn) > turn_limit
         if moved and known.beams >= MIN_EQUAL_BEAMS and over >= MIN_REPEAT_SHARE / self._scan.rate:
@@ -206,6 +238,25 @@ class Scanner:
                 limit=FROZEN_DISTANCE,
                 turn_limit=turn_limit,
             )
+
+    def empty(self, now: Now) -> float:
+        """Time for which no beam has come back [s]."""
+        return max(0.0, now.mono - self.state.empty_since)
+
+    def expect(self, distances: Mapping[str, float]) -> None:
+        """Store which of the robots at `distances` [m] a scan should show, though it has no hit.
+
+        Those of which the mission says what scanners see, if it is two beams wide, in the nearer half of the
+        range. A scan that does not cover a full turn need not show them. A scanner that did not show them is
+        in doubt until a beam comes back, also when they have gone on.
+        """
+        state = self.state
+        near = 0.0 if state.unseen else 0.5 * state.range_max
+        state.missing = state.missing or tuple(
+            name
+            for name, distance in distances.items()
+            if distance < near and self._shown.get(name, 0.0) > distance * state.increment
+        )
 
     def silence(self, now: Now) -> float:
         """Time for which a required scan has been missing [s]; else 0."""
@@ -222,11 +273,25 @@ class Scanner:
             return Reason.of(Code.SCAN_LATE, age=delay, limit=most)
         if delay < -MAX_SCAN_LEAD:
             return Reason.of(Code.SCAN_EARLY, age=-delay, limit=MAX_SCAN_LEAD)
-        if state.range_min > self._sees_from + UNSEEN_MARGIN:
-            return Reason.of(Code.SCAN_BLIND, value=state.range_min, limit=self._sees_from)
-        if state.wrong is not None and state.wrong.since >= state.began:
+        insufficient = self._insufficient
+        if insufficient is None and state.wrong is not None and state.wrong.since >= state.began:
             speed, turn_rate = state.wrong.command
             return Reason.of(Code.SCAN_UNPLACED, speed=speed, turn_rate=turn_rate)
+        return insufficient
+
+    @property
+    def _insufficient(self) -> Reason | None:
+        """Why the newest scan does not show enough to drive by it; else None."""
+        state = self.state
+        if state.range_min > self._sees_from + UNSEEN_MARGIN:
+            return Reason.of(Code.SCAN_BLIND, value=state.range_min, limit=self._sees_from)
+        if self.required and state.range_max < self._sees_to:
+            return Reason.of(Code.SCAN_SHORT, value=state.range_max, limit=self._sees_to)
+        if any(one.real >= math.cos(MIN_VIEW_ANGLE) for one in state.unseen):
+            return Reason.of(Code.SCAN_SECTOR, limit=MIN_VIEW_ANGLE)
+        if state.invalid or state.missing:
+            empty = state.ended - state.empty_since
+            return Reason.of(Code.SCAN_EMPTY, duration=empty, robots=state.missing)
         return None
 
     def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
@@ -257,7 +322,7 @@ class Scanner:
         moving = self.state.moves[-1].command if self.state.moves else AT_REST
         hold = max(0.0, now.mono - self.state.ended) + self._lasts
         seen = [point for circle in strangers for point in circle.points]
-        return Sight(moving, seen, self._body._replace(margin=self.margin), hold)
+        return Sight(moving, seen, self._body._replace(margin=self.margin), hold, self.state.unseen)
 
     def _follow(self, moment: float) -> None:
         """Extend the computed motion to `moment` [s, monotonic]."""

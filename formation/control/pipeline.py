@@ -190,7 +190,7 @@ def at_rest(state: ControlState, now: float) -> ControlState:
 
 def protected(command: Command, sight: Sight) -> tuple[Command, Zone | None]:
     """Apply the protective zones, for a robot with a scanner."""
-    return guarded(command, sight.moving, sight.points, sight.body, sight.hold)
+    return guarded(command, sight.moving, sight.points, sight.body, sight.hold, sight.unseen)
 
 
 def unprotected(command: Command, _sight: None) -> tuple[Command, Zone | None]:

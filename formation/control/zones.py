@@ -10,7 +10,7 @@ turns to either side, so its centre stays in a sector of that radius and these a
 a disc sweeps there: the protective zone. It grows longer and thereby wider with speed, opens to the side
 to which the robot turns, and lies behind it when it reverses. If it contains a point, `u` is reduced
 (slow), to zero if nothing else ends before the point (stop). Points behind a robot do not keep it from
-leaving.
+leaving. A robot does not drive in directions that its scanner does not see.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from formation.control.unicycle import AT_REST, Command
 
 STANDSTILL_DISTANCE = 1e-3
 """Stopping distance up to which a robot counts as standing [m]."""
+MIN_VIEW_ANGLE = math.radians(45.0)
+"""Angle to either side of its way that a robot must see [rad]: nothing that it would touch leaves that view
+before the zone stops the robot."""
 
 
 class Zone(StrEnum):
@@ -60,28 +63,37 @@ class Sight(NamedTuple):
     body: Body
     hold: float
     """Longest time that a command may last [s]."""
+    unseen: Sequence[complex] = ()
+    """Directions that its scanner does not see, unit [body frame]."""
 
 
 def guarded(
-    command: Command, moving: Command, seen: Sequence[complex], body: Body, hold: float
+    command: Command,
+    moving: Command,
+    seen: Sequence[complex],
+    body: Body,
+    hold: float,
+    unseen: Sequence[complex] = (),
 ) -> tuple[Command, Zone]:
     """Return a command that a robot may follow for `hold` [s], and then still stop before all points seen.
 
-    `moving` are its present speeds, `seen` are points [m; body frame, now]. Only its forward speed is
-    reduced. If even zero speed is not enough while it turns as wanted, it is commanded to stop, which then
-    is the path on which it could have stopped before. A robot that turns round near an obstacle thus stops
-    first.
+    `moving` are its present speeds, `seen` are points [m; body frame, now], `unseen` directions that no
+    beam covers, unit [body frame]: there is no room towards them. Only its forward speed is reduced. If
+    even zero speed is not enough while it turns as wanted, it is commanded to stop, which then is the path
+    on which it could have stopped before. A robot that turns round near an obstacle thus stops first.
     """
     was, will = body.lag * moving.turn_rate, hold * command.turn_rate
     left = body.spread + max(0.0, was) + max(0.0, will)
     right = -body.spread + min(0.0, was) + min(0.0, will)
     radius, rolls, goes = body.radius + body.margin, body.lag * moving.speed, hold * command.speed
     turns_round = rolls * goes < 0.0 and abs(rolls) > STANDSTILL_DISTANCE
-    if turns_round and all(abs(point) > radius + abs(rolls) + abs(goes) for point in seen):
+    if turns_round and not unseen and all(abs(point) > radius + abs(rolls) + abs(goes) for point in seen):
         return command, Zone.CLEAR
     sign = math.copysign(1.0, moving.speed if turns_round or not command.speed else command.speed)
     stopping = max(0.0, sign * rolls)
-    room = free((sign * point for point in seen), radius, right, left)
+    towards = (_beside(sign * one, right, left) for one in unseen)
+    blind = any(angle <= MIN_VIEW_ANGLE for angle in towards)
+    room = 0.0 if blind else free((sign * point for point in seen), radius, right, left)
     if room < stopping:
         return AT_REST, Zone.STOP
     fastest = 0.0 if turns_round else (room - stopping) / hold
@@ -89,6 +101,12 @@ def guarded(
         return command, Zone.CLEAR
     limited = math.copysign(fastest, command.speed)
     return Command(limited, command.turn_rate), Zone.SLOW if fastest > 0.0 else Zone.STOP
+
+
+def _beside(direction: complex, right: float, left: float) -> float:
+    """Angle from a direction to the nearest of those from `right` (≤ 0) to `left` (≥ 0) [rad]."""
+    bearing = math.atan2(direction.imag, direction.real)
+    return max(0.0, bearing - left, right - bearing)
 
 
 def free(seen: Iterable[complex], radius: float, right: float, left: float) -> float:

@@ -70,6 +70,9 @@ class Code(StrEnum):
     SCAN_LATE = "scan_late"
     SCAN_EARLY = "scan_early"
     SCAN_BLIND = "scan_blind"
+    SCAN_SHORT = "scan_short"
+    SCAN_SECTOR = "scan_sector"
+    SCAN_EMPTY = "scan_empty"
     SCAN_UNPLACED = "scan_unplaced"
     SCAN_FROZEN = "scan_frozen"
     # about its sensor of neighbours
@@ -153,6 +156,12 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.SCAN_LATE: "range scan stamped {age:.2f} s before it came, must be {limit:g} s at most",
         Code.SCAN_EARLY: "range scan stamped {age:.2f} s after it came, must be {limit:g} s at most",
         Code.SCAN_BLIND: "range scan has range_min {value:g} m: this robot needs at most {limit:.3g} m",
+        Code.SCAN_SHORT: "range scan has range_max {value:g} m: this robot needs at least {limit:.3g} m"
+        " to stop from its max_speed",
+        Code.SCAN_SECTOR: "range scan does not show what is ahead: it must show {limit:.2f} rad to either"
+        " side; check the scanner's yaw_deg, and state its model if its driver leaves out beams",
+        Code.SCAN_EMPTY: "no beam of the range scan has come back for {duration:.1f} s;"
+        " {robots:names} should be in sight; check that the scanner turns and is not covered",
         Code.SCAN_UNPLACED: "range scan cannot be placed by odometry that said {speed:.3g} m/s,"
         " {turn_rate:.3g} rad/s",
         Code.SCAN_FROZEN: "range scan frozen: the same for {duration:.1f} s, while the robot moved"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 from formation.ros2 import ros
@@ -60,6 +60,8 @@ class LaserScan(Message):
     scan_time: float = 0.0
     """From one scan to the next [s]; 0 if unknown."""
     frame: str = "base_scan"
+    invalid: bool = field(default=False, compare=False)
+    """Whether every beam was sent as NaN, which is no measurement."""
 
     def _write(self, to: Writer) -> None:
         ros.write_header(to, self.stamp, self.frame)
@@ -81,12 +83,15 @@ class LaserScan(Message):
         first, _, increment, time_increment, scan_time, range_min, range_max = numbers
         beams = source.count()
         _check_beams(beams, increment)
-        ranges = tuple([r if r == r else math.inf for r in source.floats(beams)])  # noqa: PLR0124 - NaN
+        sent = source.floats(beams)
+        ranges = tuple([r if r == r else math.inf for r in sent])  # noqa: PLR0124 - NaN
         intensities = source.count()
         if intensities not in {0, beams}:
             raise BadMessage(f"{intensities} intensities, must be none or one for each of {beams} beams")
         source.floats(intensities)
-        return cls(stamp, first, increment, range_min, range_max, ranges, time_increment, scan_time, frame)
+        times = time_increment, scan_time
+        invalid = all(map(math.isnan, sent))
+        return cls(stamp, first, increment, range_min, range_max, ranges, *times, frame, invalid)
 
 
 def _check(numbers: Sequence[float]) -> None:

@@ -75,6 +75,11 @@ class Beams(NamedTuple):
         """Whether the last beam is beside the first."""
         return abs(self.beam_count * self.increment) > math.tau - 1.5 * abs(self.increment)
 
+    def covers(self, angle: float, half: float) -> bool:
+        """Whether it has beams in all directions within `half` [rad] of `angle` [rad; scanner's frame]."""
+        number, width = self.number(angle), half / abs(self.increment)
+        return self.whole_turn or width <= number <= self.beam_count - 1 - width
+
     def angle(self, number: float) -> float:
         """Direction of a beam [rad; scanner's frame]."""
         return self.angle_min + number * self.increment

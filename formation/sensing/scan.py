@@ -25,6 +25,10 @@ MAX_TEAM_MATE_ERROR = 0.1
 """Greatest distance of a team mate from its reported position [m]: odometry drifts, ranges are noisy."""
 SECTOR_COUNT = 16
 """Number of directions, in each of which the nearest circle is avoided."""
+VIEW_STEP = math.radians(5.0)
+"""Angle between the directions that are examined, and by which a scan may miss one [rad]."""
+MAX_BEAM_WIDTH = math.radians(45.0)
+"""Most of a scan's view that one beam stands for [rad]."""
 
 
 class Mount(NamedTuple):
@@ -98,6 +102,26 @@ def points(
             point = position + heading * point
         found.append(point)
     return found
+
+
+@lru_cache(maxsize=8)
+def unseen(first: float, increment: float, beams: int, heading: complex) -> tuple[complex, ...]:
+    """The directions, `VIEW_STEP` apart, in which a scan has no beam; unit [body frame].
+
+    Its beams begin at `first` [rad; scanner's frame] and are `increment` [rad] apart; the scanner's x axis
+    is `heading` [body frame].
+    """
+    turn = math.tau / abs(increment)  # [beams]
+    half = (0.5 * min(abs(increment), MAX_BEAM_WIDTH) + VIEW_STEP) / abs(increment)
+    found = []
+    for step in range(round(math.tau / VIEW_STEP)):
+        direction = rotation(step * VIEW_STEP)
+        in_scan = direction * heading.conjugate()
+        number = (math.atan2(in_scan.imag, in_scan.real) - first) / increment % turn
+        nearest = min(round(number), beams - 1)
+        if min(abs(number - nearest), turn - number) > half:
+            found.append(direction)
+    return tuple(found)
 
 
 def circles(found: Iterable[complex], increment: float) -> list[Circle]:

@@ -55,6 +55,11 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.SCAN_LATE: f"{CLOCKS} Check the load of the scanner's driver.",
         Code.SCAN_EARLY: CLOCKS,
         Code.SCAN_BLIND: "Use a scanner that sees closer, or correct its driver: `range_min` is too large.",
+        Code.SCAN_SHORT: "Use a scanner that sees further or scans more often, or lower `max_speed`.",
+        Code.SCAN_SECTOR: "Correct `yaw_deg`; state the scanner's `model`, as some drivers leave out beams;"
+        " or use a scanner that sees ahead.",
+        Code.SCAN_EMPTY: "Check that the scanner turns and is not covered. It goes on by itself when a"
+        " beam comes back.",
         Code.SCAN_UNPLACED: "Check the speeds that the odometry reports.",
         Code.SCAN_FROZEN: "Check the scanner and its driver. It goes on by itself when scans change.",
         Code.RELATIVE_LATE: "Check what measures neighbours, the machine's load, and the clocks (chrony).",

@@ -62,6 +62,23 @@ def test_nothing_in_sight_says_nothing() -> None:
     assert outcomes([], expected("a", 0.5, 1.0)) == {"a": Outcome.HIDDEN}
 
 
+ELSEWHERE = body(3.0, 1.0)
+
+
+def test_no_beam_from_an_empty_place_is_missing() -> None:
+    assert outcomes([ELSEWHERE], expected("a", 0.5, 1.0)) == {"a": Outcome.MISSING}
+
+
+@pytest.mark.parametrize("nearer", [body(0.5, 0.5), body(0.3, 0.9), body(0.5, 1.0, 0.01)])
+def test_hidden_robot_is_not_missing(nearer: Segment) -> None:
+    assert outcomes([ELSEWHERE, nearer], expected("a", 0.5, 1.0)) != {"a": Outcome.MISSING}
+
+
+def test_robot_outside_of_view_is_not_missing() -> None:
+    scan, one = Beams((body(1.0, 1.0),), 0.0, INCREMENT, 180, 3.5), expected("a", 3.3, 1.0)
+    assert associate(scan, [one], lambda *_: math.inf)["a"].outcome is Outcome.HIDDEN
+
+
 def test_robot_behind_a_nearer_body_is_hidden() -> None:
     assert outcomes([body(0.5, 0.5), wall(2.0)], expected("a", 0.5, 1.0)) == {"a": Outcome.HIDDEN}
 

@@ -6,6 +6,7 @@ import cmath
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 
@@ -270,6 +271,16 @@ def test_late_scan_counts_as_old_beside_a_fast_clock() -> None:
     assert scanner.state.ended == pytest.approx(1.2, abs=1e-3)
 
 
+@pytest.mark.parametrize("count", [2, 5])
+def test_old_scans_sent_in_turn_are_doubted(count: int) -> None:
+    scanner = Scanner(mission(), "robot2")
+    for number in range(3 * count):
+        moment = 0.2 * number
+        scanner.moved(moment, Command(0.2, 0.0))
+        scanner.process_scan(scan(moment, [1.0 + 0.1 * (number % count)] * 40), moment, at(moment))
+        assert (scanner.doubt is None) == (number < count)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("exact", [False, True])
 def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
@@ -287,3 +298,79 @@ def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
         assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
     fleet.run(2.0)
     assert fleet.states == {AgentState.RUN}
+
+
+# Scans that do not show enough
+
+
+def seeing(robot: str = "required", **changes: Any) -> Scanner:
+    """A scanner after a scan of one post, with these changes."""
+    scanner, one = Scanner(mission(robot), "robot2"), scan(0.0, post(1.0))
+    scanner.process_scan(decode(LaserScan, encode(dataclasses.replace(one, **changes))), 0.0, at(0.0))
+    return scanner
+
+
+def test_required_scan_must_reach_stopping_distance() -> None:
+    assert str(seeing(range_max=1.4).doubt) == (
+        "range scan has range_max 1.4 m: this robot needs at least 1.42 m to stop from its max_speed"
+    )
+    assert seeing(range_max=1.5).doubt is seeing("optional", range_max=1.4).doubt is None
+
+
+def sector(first: float, last: float) -> dict[str, Any]:
+    """The changes of a scan that covers the directions from `first` to `last` [°]."""
+    return {"angle_min": math.radians(first), "ranges": (0.0,) * round(last - first)}
+
+
+@pytest.mark.parametrize(("first", "last"), [(90.0, 270.0), (180.0, 181.0), (-20.0, 20.0), (-30.0, 90.0)])
+def test_required_scan_must_show_what_is_ahead(first: float, last: float) -> None:
+    assert str(seeing(**sector(first, last)).doubt).startswith("range scan does not show what is ahead")
+    assert seeing("optional", **sector(first, last)).doubt is None
+
+
+@pytest.mark.parametrize("view", [90.0, 135.0, 180.0])
+@pytest.mark.parametrize("speed", [0.3, -0.3])
+def test_robot_drives_only_where_its_scanner_looks(view: float, speed: float) -> None:
+    robot = Robot([(math.copysign(2.0, speed) + 0j, 0.01)])
+    look, beams = robot.look, sector(-view, view)
+
+    def partial() -> LaserScan:
+        whole = look()
+        ranges = [whole.ranges[number % 360] for number in range(-round(view), round(view))]
+        return dataclasses.replace(whole, angle_min=beams["angle_min"], ranges=tuple(ranges))
+
+    robot.look = partial  # type: ignore[method-assign]
+    robot.drive(Command(speed, 0.0), 15.0)
+    assert robot.scanner.doubt is None
+    assert robot.nearest > 0.0
+    assert (abs(robot.position) > 1.5) == (speed > 0.0 or view == 180.0)
+    if robot.position == 0j:  # it turns on the spot
+        robot.drive(Command(speed, 0.5), 1.0)
+        assert cmath.phase(robot.heading) > 0.3
+
+
+def test_scan_of_nan_is_no_measurement() -> None:
+    doubt = seeing(ranges=(math.nan,) * 360).doubt
+    assert str(doubt).startswith("no beam of the range scan has come back for 0.0 s; check")
+    assert seeing(ranges=(*[math.nan] * 359, math.inf)).doubt is None  # nothing there
+
+
+@pytest.mark.parametrize(("seen", "empty"), [({"seen.radius": 0.035}, True), ({}, False)])
+def test_empty_scan_beside_another_robot_is_doubted(seen: dict[str, Any], empty: bool) -> None:
+    """Without a beam an LDS-01 in an open hall looks like one that is covered."""
+    fleet = Fleet(team(ALONE | {"robot2": ("robot1",)}, scanner="required", **seen))
+    fleet.meddle = altered(
+        SCAN.key("robot2"), LaserScan, lambda one: dataclasses.replace(one, ranges=(0.0,) * 360)
+    )
+    fleet.run(8.0)
+    reason = fleet.status("robot2").reason
+    assert (reason.code is Code.SCAN_EMPTY) == empty
+    assert fleet.status("robot1").state == "run"
+    if empty:
+        assert "robot1 should be in sight; check that the scanner turns" in str(reason)
+        # robot1 is out of sight by now; it goes on when a beam comes back
+        fleet.meddle = altered(
+            SCAN.key("robot2"), LaserScan, lambda one: dataclasses.replace(one, ranges=tuple(post(3.0)))
+        )
+        fleet.run(1.0)
+        assert fleet.status("robot2").scan_fault is None

@@ -108,6 +108,50 @@ def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
     assert believed_error(fleet) < 0.03  # it has found its neighbours where they are
 
 
+def contradicted(fleet: Fleet, robot: str) -> None:
+    """A robot stands within 4 s, and soon no robot uses its position."""
+    fleet.run(4.0)
+    assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
+    assert not fleet.agents[robot].perception.placed(fleet.moment)  # type: ignore[union-attr]
+    fleet.run(10.0)
+    assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
+
+
+def test_robot_carried_far_stands_in_open_hall() -> None:
+    fleet = driving_triangle()
+    carry(fleet, "robot7", -1.0j)
+    contradicted(fleet, "robot7")
+
+
+def test_robot_that_changed_places_stands() -> None:
+    fleet = driving_triangle()
+    way = fleet.plant("robot3").position - fleet.plant("robot2").position
+    carry(fleet, "robot2", way)
+    carry(fleet, "robot3", -way)
+    contradicted(fleet, "robot3")
+
+
+def test_robot_behind_a_board_goes_on() -> None:
+    fleet = triangle(STANDS).after(6.0)
+    ranging = fleet.world._hosted["robot7"].ranging
+    assert ranging is not None
+    ahead = fleet.plant("robot7").position + 0.4j
+    ranging._walls = ((ahead - 0.4, ahead + 0.4),)
+    fleet.run(20.0)
+    assert fleet.agents["robot7"].decision.state is AgentState.RUN
+    assert fleet.status("robot7").sight is Sight.RECKONING
+
+
+def test_robot_without_sight_is_soon_no_landmark() -> None:
+    fleet = driving_triangle()
+    blind(fleet, "robot3")
+    fleet.run(0.5)
+    assert not fleet.agents["robot7"].neighbours.each["robot3"].state.searching
+    fleet.run(3.0)
+    assert fleet.status("robot3").sight is Sight.RECKONING
+    assert fleet.agents["robot7"].neighbours.each["robot3"].state.searching
+
+
 def test_robot_put_down_a_little_off_finds_its_place() -> None:
     fleet = driving_triangle()
     carry(fleet, "robot7", 0.03 + 0.05j)

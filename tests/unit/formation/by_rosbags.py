@@ -177,6 +177,7 @@ def _scan(raw: Any) -> tuple[Any, ...]:
         tuple(float(distance) for distance in ranges),
         *(raw.time_increment, raw.scan_time),
         _text(raw.header.frame_id),
+        bool(np.isnan(raw.ranges).all()),
     )
 
 
