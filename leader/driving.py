@@ -76,7 +76,9 @@ class Driver:
             return Result(ok=False, reason=late)
         if moment < self.until and name != self.name:
             return Result(ok=False, reason=f"{self.name} drives")
-        if name == self.name and returned < self.newest:
+        # of two that return one token the release counts, as it may be the newer one
+        released = returned == self.newest and self.wanted == STANDS and wanted != STANDS
+        if name == self.name and (returned < self.newest or released):
             return Result(ok=False, reason="overtaken by a newer one")
         self.name, self.wanted, self.newest = name, wanted, returned
         self.until = issued + DRIVE_TIMEOUT_SECONDS

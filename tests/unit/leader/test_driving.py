@@ -202,6 +202,18 @@ def test_leader_that_turns_keeps_slots_within_the_bounds() -> None:
         assert turn_rate * cmath.phase(leader.plan.route.heading(leader.plan.route_time)) > 0.05
 
 
+def test_velocity_that_overtakes_its_release_is_refused() -> None:
+    leader, driver, end = driven()
+    late = driver.token
+    driver.send(end + 0.05, 0.0)
+    leader.step(at(end + 0.051), [])
+    driver.token = late
+    assert not driver.send(end + 0.06, 0.1).ok
+    (now,) = positions(end, leader.step(at(end + 0.1), []))
+    assert now.order.mode == "hold"
+    assert driver.send(end + 0.15, 0.1).ok
+
+
 def test_refused_first_request_leaves_the_lost_route() -> None:
     leader = leading(CONVOY)
     leader.plan.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
