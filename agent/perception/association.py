@@ -180,10 +180,10 @@ def _is_absent(scan: Beams, one: Candidate, taken: Collection[Segment]) -> bool:
 
 
 def _missed(scan: Beams, one: Candidate) -> float:
-    """Number of beams that should have met a robot whose place no beam came back from.
+    """Number of beams that should have met a robot, where no beam came back from its place.
 
-    0 if something before it may hide it, if it is too far away, and for a scan without any hit, whose
-    scanner may be covered.
+    0 if something before it may hide it, if it is too far away, and for a scan without any hit: its scanner
+    may be covered.
     """
     reach = search_distance(one, scan)
     expected = expected_beams(one.radius, one.distance, scan.increment)

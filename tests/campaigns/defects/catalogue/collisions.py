@@ -89,8 +89,8 @@ DEFECTS = (
     Defect(
         "zone-behind",
         ZONES,
-        "room = free((sign * point for point in seen), radius, right, left)",
-        "room = free((-sign * point for point in seen), radius, right, left)",
+        "else free((sign * point for point in seen), radius, right, left)",
+        "else free((-sign * point for point in seen), radius, right, left)",
         "the protective zone lies behind the robot",
         ("posts",),
     ),
