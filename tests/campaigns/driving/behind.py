@@ -1,7 +1,7 @@
 """`python -m tests.campaigns.driving.behind`: five robots behind one that is driven, and a line of followers.
 
 Both in MuJoCo, from the same displaced starts, with the same ten drives. Ours: the mission `convoy` with six
-robots that see each other by their scanners, whose agents keep their places. The line: robots that follow the
+robots in a shape that does not turn, which see each other by their scanners. The line: robots that follow the
 one before them by odometry (`line_follower`). Errors are true ones, from 20 s on, root mean square over all
 pairs of a robot and one that it measures: of the *place*, in the shape turned as fits best, and of the
 *distance*, from what is wanted; for the line, which wants none, from the median of each pair.
@@ -11,15 +11,12 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median
 
 from formation.control.unicycle import Command
 from formation.deploy.driving.remote import PERIOD_SECONDS
-from formation.deploy.rehearsal import fleet as rehearsed
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.fleet import Fleet, Plants
 from formation.deploy.rehearsal.operator import Operator
 from formation.leader.driving import ramped
 from formation.mission.file import loads, read
@@ -27,6 +24,7 @@ from formation.mission.model import Mission
 from formation.stability.driving import STANDS, Velocity, first_limits, followable
 from tests.campaigns.driving.gamepad_drives import drive
 from tests.campaigns.driving.line_follower import PLAN_SECONDS, STEP_SECONDS, Follower, Pose
+from tests.campaigns.perception.drift import Displaced
 from tests.support.seeing import Errors, displaced, edges, misfit, rms
 
 SETTLING_SECONDS = 20.0
@@ -43,11 +41,11 @@ GAPS = (0.2, 0.4)
 """Distances that robots of a line keep [m]: as shipped, and with more room."""
 
 
-def mission(errors: Errors, *, turning: bool) -> Mission:
+def mission(errors: Errors) -> Mission:
     """Return `convoy` with six robots."""
     data = loads(read("convoy")[0])
     del data["shapes"]["column"]
-    data["turning"] = turning
+    data["turning"] = False
     data["shapes"]["diamond"] = {name: list(slot) for name, (slot, _) in PLACES.items()}
     for name, ((x, y), neighbours) in PLACES.items():
         data["robots"][name] = {"neighbours": neighbours, "start": {"x": x - 0.05, "y": y, "heading_deg": 0}}
@@ -59,22 +57,11 @@ def mission(errors: Errors, *, turning: bool) -> Mission:
     return Mission.model_validate(data)
 
 
-class Displaced(Fleet):
-    """A fleet with robots that are not exactly on their start poses."""
-
-    def __init__(self, of: Mission, errors: Errors, seed: int) -> None:
-        self._real = displaced(of, errors, seed)
-        super().__init__(of, seed, Weather(), (), "mujoco")
-
-    def _start_world(self, names: Sequence[str], seed: int, plants: Plants) -> None:  # noqa: ARG002
-        made = rehearsed._in_physics(self._real, seed)
-        super()._start_world(names, seed, lambda _, robots, number: made(self._real, robots, number))
-
-
-def ours(errors: Errors, seed: int, seconds: float, *, turning: bool) -> tuple[float, float, float]:
+def ours(errors: Errors, seed: int, seconds: float) -> tuple[float, float, float]:
     """Errors of place and distance, and of the places that robots measure, of one drive [m]."""
-    of = mission(errors, turning=turning)
-    fleet, within, stick = Displaced(of, errors, seed), first_limits(of), drive(seed, seconds)
+    of = mission(errors)
+    fleet = Displaced(of, errors, seed, Weather(), "mujoco")
+    within, stick = first_limits(of), drive(seed, seconds)
 
     def velocity(time: float) -> tuple[float, float]:
         share = stick(time)
@@ -104,7 +91,7 @@ class Line:
         os.environ.setdefault("MUJOCO_GL", "disable")
         from formation.agent.simulated.physics.world import World
 
-        of = mission(errors, turning=False)
+        of = mission(errors)
         starts = {
             name: of.robots[name].start.model_copy(update={"x": -(gap + 0.1) * number, "y": 0.0})
             for number, name in enumerate(of.followers)
@@ -147,7 +134,7 @@ class Line:
 
 def line(errors: Errors, seed: int, seconds: float, gap: float) -> tuple[float, float]:
     """Error of the distances [m], and the greatest distance of a robot from the one before [m]."""
-    within, stick = first_limits(mission(errors, turning=False)), drive(seed, seconds)
+    within, stick = first_limits(mission(errors)), drive(seed, seconds)
     one, velocity, found = Line(errors, seed, gap), STANDS, []
     for number in range(round((SETTLING_SECONDS + seconds) / STEP_SECONDS)):
         time = number * STEP_SECONDS - SETTLING_SECONDS
@@ -169,12 +156,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--scale", type=float, default=0.0, help="error of distances, as a share")
     parser.add_argument("--mounting", type=float, default=0.0, help="error of directions [°]")
-    parser.add_argument("--turning", action="store_true", help="slots turn with the leader's heading")
     flags = parser.parse_args()
     errors = Errors(scale=flags.scale, mounting_deg=flags.mounting)
     ratios: dict[float, list[float]] = {gap: [] for gap in GAPS}
     for seed in range(flags.drives):
-        place, distance, measured = ours(errors, seed, flags.seconds, turning=flags.turning)
+        place, distance, measured = ours(errors, seed, flags.seconds)
         print(
             f"drive {seed}: places {100 * place:.2f} cm ({100 * measured:.2f} as the robots know them),"
             f" distances {100 * distance:.2f} cm",

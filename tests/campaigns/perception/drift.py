@@ -82,18 +82,32 @@ class Case(NamedTuple):
 class Displaced(Fleet):
     """A fleet with robots that are not exactly on their start poses."""
 
-    def __init__(self, case: Case, seed: int) -> None:
-        self._case, self._seed = case, seed
-        super().__init__(case.mission, seed, case.weather, (), case.world)
+    def __init__(
+        self,
+        of: Mission,
+        errors: Errors,
+        seed: int,
+        weather: Weather,
+        world: WorldName,
+        driver: str = "",
+    ) -> None:
+        """With `driver`, the model of a scanner, scans are as its driver sends them."""
+        self._real, self._driver = displaced(of, errors, seed), driver
+        super().__init__(of, seed, weather, (), world)
 
     def _start_world(self, names: Sequence[str], seed: int, plants: Plants) -> None:
-        real = displaced(self.mission, self._case.errors, self._seed)
-        made = rehearsed._in_physics(real, seed) if self.slips else plants
-        super()._start_world(names, seed, lambda _, robots, number: made(real, robots, number))
-        for name in names if self._case.drivers else ():
+        made = rehearsed._in_physics(self._real, seed) if self.slips else plants
+        super()._start_world(names, seed, lambda _, robots, number: made(self._real, robots, number))
+        for name in names if self._driver else ():
             ranging = self.robots[name][0]._hosted[name].ranging
             if ranging is not None:
-                send_as_driver(ranging, self._case.scanner, seed)
+                send_as_driver(ranging, self._driver, seed)
+
+
+def fleet_of(case: Case, seed: int) -> Displaced:
+    """Return the fleet of a case."""
+    driver = case.scanner if case.drivers else ""
+    return Displaced(case.mission, case.errors, seed, case.weather, case.world, driver)
 
 
 class Witness:
@@ -179,7 +193,7 @@ class Sample(NamedTuple):
 
 def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
     """Drive for so long, with one sample each second."""
-    fleet, samples = Displaced(case, seed), []
+    fleet, samples = fleet_of(case, seed), []
     witness = Witness(fleet)
     for second in range(1, int(seconds) + 1):
         fleet.engine.run(second - 1 + 0.25)

@@ -12,7 +12,7 @@ import sys
 from typing import NamedTuple
 
 from formation.deploy.rehearsal.engine import UPTIME
-from tests.campaigns.perception.drift import Case, Displaced
+from tests.campaigns.perception.drift import Case, Displaced, fleet_of
 from tests.support.seeing import Errors
 
 SECONDS, STEP = 12.0, 0.5
@@ -71,7 +71,7 @@ def errors(fleet: Displaced) -> list[tuple[tuple[float, float, float], str]]:
 def main() -> None:
     """Print one line for each start."""
     for seed in map(int, sys.argv[1:] or ("0",)):
-        fleet, worst = Displaced(CASE, seed), [(0.0, 0.0, "")] * len(FRAMES)
+        fleet, worst = fleet_of(CASE, seed), [(0.0, 0.0, "")] * len(FRAMES)
         for step in range(1, round(SECONDS / STEP) + 1):
             fleet.engine.run(step * STEP)
             for each, name in errors(fleet):

@@ -1,4 +1,4 @@
-"""Robots whose bodies are wider than what scanners see of them, as the scanner on top of a TurtleBot3 is."""
+"""Robots with bodies wider than what scanners see of them: of a TurtleBot3, its own scanner."""
 
 from __future__ import annotations
 
