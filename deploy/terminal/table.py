@@ -14,7 +14,7 @@ from rich.text import Text
 
 from formation.deploy.terminal.snapshot import Known, Progress, RobotNow
 from formation.deploy.terminal.units import metres, seconds
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"

@@ -13,7 +13,7 @@ from rich.live import Live
 from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.table import draw, happened, states
 from formation.deploy.terminal.units import metres
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 
 LINE_PERIOD = 2.0
 """Time between two lines [s]."""

@@ -19,7 +19,7 @@ from formation.deploy.local.ports import Ports
 from formation.deploy.terminal.snapshot import RobotNow, Snapshot
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.deploy.testing.relays import HOST, Relays
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.protocol.outcome import Outcome
 from formation.stability import intent
 from formation.transport import asking, wiring

@@ -11,19 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import (
-    ERROR,
-    FORMATION,
-    INFO,
-    MAX_STAMP,
-    MAX_TEXT_CHARS,
-    WARNING,
-    Event,
-    Pace,
-    Turns,
-    from_message,
-    to_message,
-)
+from formation.monitor.metrics.event import ERROR, INFO, WARNING, Event, Pace, Turns
 from formation.monitor.metrics.feed import freshness_limit
 from formation.monitor.metrics.orders import Lead, Wish
 from formation.monitor.metrics.snapshot import (
@@ -37,10 +25,6 @@ from formation.monitor.metrics.snapshot import (
 from formation.monitor.metrics.statuses import LEADS, SILENT
 from formation.wire import Now
 
-__all__ = [
-    "ERROR", "FORMATION", "INFO", "LOST_SILENCE", "MAX_REJECTION_KINDS", "MAX_STAMP", "MAX_TEXT_CHARS",
-    "REJECTION_PERIOD", "STATES", "WARNING", "Event", "Events", "from_message", "to_message",
-]  # fmt: skip
 LOST_SILENCE = 1.0
 """A robot is lost when its position is silent for longer [s]; one with a low rate has its own limit."""
 UNSETTLED_TIME = 1.0

@@ -18,7 +18,7 @@ from typing import Any
 
 from formation.mission.model import Mission
 from formation.monitor.core import after
-from formation.monitor.metrics.events import Event, from_message
+from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.reader import Recorded, Rerun
 from formation.monitor.replay.echo import Echo

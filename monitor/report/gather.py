@@ -17,7 +17,7 @@ import numpy as np
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
 from formation.monitor.recording.reader import Recorded, Recording, Rerun
@@ -222,7 +222,7 @@ class _Gatherer:
         metrics = self._rerun.metrics
         snapshot = metrics.snapshot(now)
         self._looked = now.wall
-        self._story.look(now.wall, metrics)
+        self._story.look(now.wall, metrics.orders)
         self._doings.look(now.wall, snapshot.robots)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
             self._start = now.wall - snapshot.elapsed

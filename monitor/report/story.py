@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event, from_message, silence_limit
-from formation.monitor.metrics.metrics import Metrics
-from formation.monitor.metrics.orders import Wish
+from formation.monitor.metrics.event import Event, from_message
+from formation.monitor.metrics.events import silence_limit
+from formation.monitor.metrics.orders import Orders, Wish
 from formation.monitor.metrics.snapshot import SIGHT, RobotMetrics
 from formation.protocol.order import Mode
 from formation.ros2.messages import Diagnostics, LogEntry, decode
@@ -76,12 +76,12 @@ class Story:
         except (BadMessage, IndexError, ValueError):
             return
 
-    def look(self, wall: float, metrics: Metrics) -> None:
+    def look(self, wall: float, orders: Orders) -> None:
         """Note a change of the order by `wall` [s]."""
-        order = metrics.order
+        order, lead = orders.newest, orders.lead
         if order is None or len(self.orders) >= MAX_EVENTS:
             return
-        wanted = order.mode, Wish.of(order), metrics.lead.name if metrics.lead else ""
+        wanted = order.mode, Wish.of(order), lead.name if lead else ""
         if not self.orders or self.orders[-1][1:] != wanted:
             self.orders.append(Ordered(wall, *wanted))
 

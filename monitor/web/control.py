@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from formation.control.plane import clip
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import INFO, WARNING, Event
+from formation.monitor.metrics.event import INFO, WARNING, Event
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
-from formation.monitor.metrics.events import LOST_SILENCE, Event
+from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.events import LOST_SILENCE
 from formation.monitor.metrics.feed import clock_agrees, freshness_limit
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import AVOIDING, SIGHT, RobotMetrics, Snapshot
@@ -106,7 +107,7 @@ def frame(
     seen = snapshot or metrics.snapshot(now)
     moment, placed = metrics.placed(now)
     truly = metrics.placed(now, truly=True)[1]
-    leader, slots = placed.get(mission.leader), metrics.slots(moment)
+    leader, slots = placed.get(mission.leader), metrics.orders.slots(moment)
     rows = []
     for name in mission.names:
         slot = None if leader is None else leader.point + slots[name]

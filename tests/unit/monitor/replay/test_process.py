@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from formation.mission.file import load
-from formation.monitor.metrics.events import Event, to_message
+from formation.monitor.metrics.event import Event, to_message
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.recording.reader import Recorded
 from formation.monitor.replay import process as loop
