@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event
-from formation.monitor.metrics.settling import KnownError
+from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.settling import KnownVerdict
 
 MAX_ERRORS = 7200
 """Number of values of the formation error in a picture: half an hour at four a second."""
@@ -43,6 +43,11 @@ class RobotNow(NamedTuple):
     """Fallback neighbours that it follows."""
     known_error: float | None = None
     """Error summed over its known neighbours [m]: at most `error`."""
+
+    @classmethod
+    def of(cls, robot: Mapping[str, Any]) -> RobotNow:
+        """Read one robot of a snapshot of the monitor."""
+        return cls(*(robot[name] for name in cls._fields[:-1]), known_error=robot["known"][0])
 
 
 class Known(NamedTuple):
@@ -80,17 +85,17 @@ class Snapshot(NamedTuple):
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
-        """Read a snapshot event; a value that is missing or of another type is unknown."""
-        error, events = _number(event.get("formation_error")), event.get("events")
+        """Read a snapshot of the monitor, as `formation.monitor.metrics.words.as_json` gives it."""
+        error = event["formation_error"]
         return cls(
             math.nan if error is None else error,
-            {name: _robot(robot) for name, robot in _tables(event.get("robots")).items()},
-            tuple(filter(None, map(_event, events))) if isinstance(events, list) else (),
-            _text(event.get("leads")) or None,
-            _text(event.get("waits")),
+            {name: RobotNow.of(robot) for name, robot in event["robots"].items()},
+            tuple(Event(**one) for one in event.get("events", ())),
+            event["leads"],
+            event["waits"],
             _placed_shape(event),
-            _partial(event),
-            {name: _text(one.get("state")) for name, one in _tables(event.get("candidates")).items()},
+            _known(event["known"]) if error is None else None,
+            {name: one["state"] for name, one in event["candidates"].items()},
         )
 
 
@@ -141,69 +146,19 @@ class Progress:
         self.snapshot = Snapshot(math.nan, {})
 
 
-def _robot(robot: Mapping[str, Any]) -> RobotNow:
-    known = robot.get("known")
-    values = {name: READ_AS[type(usual)](robot.get(name)) for name, usual in RobotNow._field_defaults.items()}
-    values["known_error"] = _number(known[0]) if isinstance(known, list) and known else None
-    return RobotNow(**values)
-
-
-def _partial(event: Mapping[str, Any]) -> Known | None:
-    """Return the error over the known edges, if not all are known."""
-    part = event.get("known")
-    if _number(event.get("formation_error")) is not None or not isinstance(part, Mapping):
-        return None
-    error, some, every = (_number(part.get(name)) for name in ("error", "known_edges", "edges"))
-    if error is None or some is None or every is None:
-        return None
-    ages = {str(name): _number(age) for name, age in _table(part.get("silent")).items()}
-    return Known(error, KnownError(error, int(some), int(every), ages).words)
+def _known(known: Mapping[str, Any]) -> Known | None:
+    """Return the error over the known edges; None if there are none."""
+    final = KnownVerdict.of_json(known).final
+    return None if final is None or final.error is None else Known(final.error, final.words)
 
 
 def _placed_shape(event: Mapping[str, Any]) -> str:
     """Return the shape in words, unless it is as drawn: ``wedge turned by 30°, × 1.5, on its way``."""
-    rotation, scale = _number(event.get("rotation")), _number(event.get("scale"))
+    rotation, scale = event["rotation"], event["scale"]
     parts = [
         f"turned by {math.degrees(rotation):.3g}°" if rotation else "",
         f"{scale:.3g} times as large" if scale not in {None, 1.0} else "",
-        "on its way" if event.get("formed") is False else "",
+        "" if event["formed"] else "on its way",
     ]
     details = ", ".join(filter(None, parts))
-    return f"{_text(event.get('shape'))} {details}" if details else ""
-
-
-def _event(event: Any) -> Event | None:
-    """Return the event; None if it is invalid."""
-    event = _table(event)
-    at, level = _number(event.get("at")), _number(event.get("level"))
-    robot, text = event.get("robot"), event.get("text")
-    if at is None or level is None or not (isinstance(robot, str) and isinstance(text, str)):
-        return None
-    return Event(at, int(level), robot, _text(event.get("kind")), text)
-
-
-def _table(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _tables(value: Any) -> dict[str, Mapping[str, Any]]:
-    """Return a table of tables; what is none is left out."""
-    return {str(name): one for name, one in _table(value).items() if isinstance(one, Mapping)}
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return None
-    return float(value)
-
-
-READ_AS: Mapping[type, Callable[[Any], Any]] = {
-    str: _text,
-    type(None): _number,
-    bool: lambda value: value is True,
-}
-"""Readers of a robot's values, by the type of their default."""
+    return f"{event['shape']} {details}" if details else ""
