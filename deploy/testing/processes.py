@@ -91,6 +91,7 @@ class ProcessFleet(DrivenFleet):
                     page=("--no-page",),
                     world=[word for fault in faults for word in ("--fault", fault)],
                     patience=START_TIMEOUT_SECONDS,
+                    simulated=[name for name in self.mission.followers if drivers and name not in drivers],
                 )
             }
             self._drive(drivers, ports.endpoints.robots)
@@ -203,15 +204,8 @@ class ProcessFleet(DrivenFleet):
 
     def _drive(self, drivers: Mapping[str, Sequence[str]], robots: Mapping[str, str]) -> None:
         """Start `drivers` in place of simulated robots."""
-        if not drivers:
-            return
-        simulated = [name for name in self.mission.followers if name not in drivers]
-        whole = self._programs.pop("robots")
-        theirs = [word for name in drivers for word in ("-l", robots[name])]
-        words = _without(whole.argv, theirs)
-        if simulated:
-            chosen = [word for name in simulated for word in ("--robot", name)]
-            self._programs["robots"] = whole._replace(argv=(*words, *chosen))
+        if drivers.keys() == set(self.mission.followers):
+            del self._programs["robots"]
         for name, command in drivers.items():
             argv = tuple(word.format(endpoint=robots[name]) for word in command)
             self._programs[f"driver {name}"] = Program(f"driver {name}", "body", argv, (name,))
@@ -264,20 +258,6 @@ class ProcessFleet(DrivenFleet):
 
     def _newest(self, process: str) -> Child:
         return next(one for one in reversed(self._launcher.children) if one.name == process)
-
-
-def _without(argv: Sequence[str], words: Sequence[str]) -> list[str]:
-    """Return `argv` without the pairs of a flag and a value in `words`."""
-    pairs = set(zip(words[::2], words[1::2], strict=True))
-    kept, skip = [], False
-    for word, following in zip(argv, (*argv[1:], ""), strict=True):
-        if skip:
-            skip = False
-        elif (word, following) in pairs:
-            skip = True
-        else:
-            kept.append(word)
-    return kept
 
 
 def _last(child: Child) -> str:
