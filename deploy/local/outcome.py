@@ -71,7 +71,7 @@ class Outcome:
         repeated by the agents. The leader's positions are summed over all that have led; their number is
         unknown if one of them was killed.
         """
-        recorded = self.monitor.get("recorded")
+        recorded: Mapping[str, int] | None = self.monitor.get("recorded")
         if recorded is None:
             return None
         truths = {GROUND_TRUTH.key(name) for name in self.mission.followers}

@@ -47,7 +47,7 @@ class RobotNow(NamedTuple):
     @classmethod
     def of(cls, robot: Mapping[str, Any]) -> RobotNow:
         """Read one robot of a snapshot of the monitor."""
-        return cls(*(robot[name] for name in cls._fields[:-1]), known_error=robot["known"][0])
+        return cls(**{name: robot[name] for name in cls._fields[:-1]}, known_error=robot["known"][0])
 
 
 class Known(NamedTuple):
