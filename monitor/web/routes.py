@@ -69,19 +69,14 @@ class Control(Protocol):
         """
 
 
-class Replay(Protocol):
-    """Plays a recording."""
+Steer = Callable[[str, float | None], dict[str, Any]]
+"""Pause, play, seek to a time [s, system clock] or set the speed of a replay; return the new state.
 
-    def steer(self, do: str, to: float | None) -> dict[str, Any]:
-        """Pause, play, seek to a time [s, system clock], or set the speed; return the new state.
-
-        Called in threads of the server. ValueError for an invalid request.
-        """
+Called in threads of the server. ValueError for an invalid request.
+"""
 
 
-def application(
-    source: Source, streams: Streams, control: Control | None, replay: Replay | None
-) -> Starlette:
+def application(source: Source, streams: Streams, control: Control | None, steer: Steer | None) -> Starlette:
     """Return the application, without the gate in front of it."""
     answers = Answers(streams)
     routes: list[Route | Mount] = [
@@ -95,8 +90,8 @@ def application(
         routes.append(Route("/api/order", orders.order, methods=["POST"]))
         routes.append(Route("/api/order", orders.may, methods=["GET"]))
         routes.append(Route("/api/drive", orders.drive, methods=["POST"]))
-    if replay is not None:
-        routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
+    if steer is not None:
+        routes.append(Route("/api/replay", Steering(steer).steer, methods=["POST"]))
     routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
     routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
     return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
@@ -206,8 +201,8 @@ class Orders:
 class Steering:
     """Pause, play, seek and speed of a replay. It moves no robot, so it needs no token."""
 
-    def __init__(self, replay: Replay) -> None:
-        self._replay = replay
+    def __init__(self, steer: Steer) -> None:
+        self._steer = steer
 
     async def steer(self, request: Request) -> Response:
         """Steer and answer with the state of the replay."""
@@ -216,7 +211,7 @@ class Steering:
         if to is None and do in {"seek", "speed"}:
             raise HTTPException(400, f"to: {do} needs a number: a time [s], or how many times as fast")
         try:
-            state = await asyncio.to_thread(self._replay.steer, do, to)
+            state = await asyncio.to_thread(self._steer, do, to)
         except ValueError as error:
             raise HTTPException(400, str(error)) from None
         return JSONResponse(state, headers=NO_STORE)
