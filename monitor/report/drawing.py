@@ -54,8 +54,6 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
 }
-
-
 WIDTH, HEIGHT = 7.1, 8.8
 """Size of a page with two columns [inches]; letters are 8 pt on it."""
 SNAPSHOTS = 5

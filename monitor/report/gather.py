@@ -17,12 +17,11 @@ import numpy as np
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
 from formation.monitor.recording.reader import Recorded, Recording, Rerun
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
-from formation.monitor.report.story import Doing, Doings, Ordered, Story
+from formation.monitor.report.story import Doing, Doings, Story
 from formation.monitor.report.thin import (
     MAX_LINE_GAP,
     Commands,
@@ -88,16 +87,11 @@ class Run:
     """Arrival less stamp, by topic [s]."""
     answers: Mapping[str, Late]
     """Odometry to command, by follower [s]."""
-    events: tuple[Event, ...]
-    unlisted: int
-    """Number of events beyond the limit."""
-    orders: tuple[Ordered, ...]
+    story: Story
+    """Events and orders."""
     leader_terms: tuple[LeaderTerm, ...]
-    """The leader terms."""
     doings: Mapping[str, Doing]
     """Followers' times by activity."""
-    apart: float
-    """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
     @property
     def mission(self) -> Mission:
@@ -210,12 +204,9 @@ class _Gatherer:
             keys=tuple(self._traffic.keys(snapshot, rejected, start, end)),
             late=self._late.by_topic,
             answers=self._late.answers,
-            events=tuple(self._story.events),
-            unlisted=self._story.unlisted,
-            orders=tuple(self._story.orders),
+            story=self._story,
             leader_terms=tuple(self._leader_terms.all),
             doings=self._doings.each,
-            apart=self._story.apart,
         )
 
     def _look(self, now: Now) -> None:

@@ -20,8 +20,6 @@ from formation.wire import BadMessage
 SETTLED = b"settled_at"
 MAX_EVENTS = 2000
 """Most events, and changes of the order, that are kept; more are only counted."""
-
-
 MAX_LOOK_GAP = 1.0
 """Longest time between two looks that is attributed to a state [s]."""
 STATES = ("run", "hold", "stop", "waiting")
@@ -48,7 +46,7 @@ class Story:
         self.unlisted = 0
         """Number of events not kept."""
         self.apart = math.nan
-        """Excess of the settling time last published by the monitor [s]."""
+        """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
     def process_message(self, key: str, payload: bytes) -> None:
         """Take a message, if it is an event."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,8 +26,6 @@ HEAD_ROWS = 1200
 """Of these, the first ones that are never thinned: a minute of commands at 20 Hz."""
 MAX_SAMPLED_VALUES = 1 << 16
 """Number of values from which percentiles are taken."""
-
-
 SATURATED_SHARE = 0.995
 """Share of a limit from which a command counts as at its limit."""
 MAX_LINE_GAP = 1.0
@@ -61,19 +59,20 @@ class Curves(NamedTuple):
 class _Rows:
     """Times, and rows of values; of two rows that become one, each of `merges` keeps something."""
 
-    def __init__(
-        self, columns: int, most: int, head: int, merges: Sequence[Merge], dtype: type = np.float64
-    ) -> None:
-        self._most, self._head, self._merges = most, head, merges
+    merges: tuple[Merge, ...]
+    dtype: type
+
+    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
+        self._most, self._head = most, head
         self._count, self._stride, self._pending = 0, 1, 0
         self._time = np.empty(most)
-        self._rows: list[Any] = [np.empty((most, columns), dtype) for _ in merges]
+        self._rows: list[Any] = [np.empty((most, columns), self.dtype) for _ in self.merges]
 
     def add(self, time: float, values: Any) -> None:
         """Take one row [time in s]; NaN for unknown values."""
         if self._pending > 0:
             self._pending -= 1
-            for rows, merge in zip(self._rows, self._merges, strict=True):
+            for rows, merge in zip(self._rows, self.merges, strict=True):
                 rows[self._count - 1] = merge(rows[self._count - 1], values)
             return
         if self._count == self._most:
@@ -90,7 +89,7 @@ class _Rows:
         into, first = slice(self._head, self._head + pairs), slice(self._head, self._head + 2 * pairs, 2)
         second = slice(self._head + 1, self._head + 2 * pairs, 2)
         self._time[into] = self._time[first]
-        for rows, merge in zip(self._rows, self._merges, strict=True):
+        for rows, merge in zip(self._rows, self.merges, strict=True):
             rows[into] = merge(rows[first], rows[second])
         self._count = self._head + pairs
         self._stride *= 2
@@ -99,8 +98,7 @@ class _Rows:
 class Extremes(_Rows):
     """Rows of numbers; a thinned row keeps the least and the greatest of each."""
 
-    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(columns, most, head, (np.fmin, np.fmax))
+    merges, dtype = (np.fmin, np.fmax), np.float64
 
     def curves(self, start: float) -> Curves:
         """Return all rows, in time since `start`."""
@@ -111,8 +109,7 @@ class Extremes(_Rows):
 class Samples(_Rows):
     """Rows of vectors (complex); of merged rows the first one stays."""
 
-    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(columns, most, head, (lambda first, _second: first,), np.complex128)
+    merges, dtype = (lambda first, _second: first,), np.complex128
 
     def taken(self, start: float) -> tuple[FloatArray, Any]:
         """Times since `start` [s], and the rows."""
