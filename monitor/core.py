@@ -21,8 +21,6 @@ from formation.wire import Now, Outgoing, Sample
 
 MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
-
-
 T = TypeVar("T", bound=tuple[Any, ...])
 
 

@@ -11,9 +11,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.feed import freshness_limit
+from formation.monitor.metrics.feed import finite, freshness_limit
 from formation.monitor.metrics.keys import Watched, watched
 from formation.monitor.metrics.orders import Orders, Wish
 from formation.monitor.metrics.received import Received, ReceivedOfRobot, Tracked
@@ -80,7 +81,8 @@ class Metrics:
         }
         self.orders = Orders(mission, self._leader.place.trajectory.size)
         """The leader's orders."""
-        self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
+        for name, robot in self._robots.items():
+            self._routes[POSITION.key(name)] = robot.place.feed, partial(self._place, robot)
         self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
         self._known = KnownSettling(mission.settled, slowest)
@@ -99,9 +101,7 @@ class Metrics:
         self._ahead = ahead
         feed.received(sample.arrived)
         try:
-            if sample.key in self._positions:
-                self._place(self._positions[sample.key], sample, wall)
-            elif handle is not None:
+            if handle is not None:
                 handle(sample, wall)
         except BadMessage as bad:
             self.rejections.count(sample.key, str(bad))
@@ -215,7 +215,7 @@ class Metrics:
         """Return the known error by the robots' own positions, and the silent robots."""
         placed = self._placed(now, lambda robot: robot.place)[1]
         silent = {
-            name: None if (age := robot.place.feed.silence(now.mono)) == math.inf else age
+            name: finite(robot.place.feed.silence(now.mono))
             for name, robot in self._robots.items()
             if name not in placed
         }

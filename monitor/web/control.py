@@ -45,8 +45,6 @@ MAX_SHOWN_AGE = 3.0
 """Age of the shown moment from which on a page is too old for orders [s]."""
 LONG_AGO_AGE = 3600.0
 """Age reported as "long ago" [s]: a page that has shown nothing yet reports the year 1970."""
-
-
 ANSWER_TIMEOUT_SECONDS = 3.0
 """Time for all robots to answer [s]."""
 NO_PAPERS = "robots under certificates obey the operator alone: name its configuration, --control-config FILE"

@@ -31,8 +31,6 @@ FIELDS = (
 """Columns of a robot's row: its centre, its control point, the wanted control point, and metrics."""
 MILLI, TENTH_MILLI = 3, 4
 """Decimals shown on a page; the finer one is only for a formation error."""
-
-
 MIN_RATE_SHARE = 0.9
 """Share of the promised rate that counts as full."""
 LOSS_BEARABLE, LOSS_WEIGHT = 0.01, 3.0
