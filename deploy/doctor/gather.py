@@ -250,12 +250,12 @@ def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator
         for key in bus.tokens(tokens.all_tokens(spec.domain), TOKEN_TIME):
             token = tokens.read(key)
             if token is not None and token.topic == name and token.zid != bus.zid:
-                yield token.kind, Party(token.node, token.type, token.zid)
+                yield token.kind, Party(token.node, token.type)
     else:
         for key in bus.tokens(tokens.ROUTES, TOKEN_TIME):
             route = tokens.read_route(key)
             if route is not None and route.key == name:
-                yield route.kind, Party("a node behind the bridge", route.type, route.zid)
+                yield route.kind, Party("a node behind the bridge", route.type)
 
 
 def _certificates(name: str, papers: Papers | None) -> tuple[Certificate, ...] | None:

@@ -196,7 +196,6 @@ class _Gatherer:
                 name: Robot(
                     error.measured(settled=settled),
                     heading.measured(settled=settled),
-                    self._commands[CMD_VEL.key(name)].count,
                     self._commands[CMD_VEL.key(name)].shares,
                 )
                 for name, (error, heading) in self._judges.items()

@@ -183,7 +183,6 @@ class Robot(NamedTuple):
     """Σ over its neighbours of |z_ij - z*_ij| [m]."""
     heading: Measured
     """Estimated less true heading [rad]; empty without ground truth."""
-    commands: int
     saturated: tuple[float | None, float | None]
     """Shares of its commands at the limit of the speed and of the turn rate; None without a command."""
 

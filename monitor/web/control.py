@@ -209,9 +209,10 @@ class Operator:
         return given.report.result()
 
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
-        """Send a driver's velocity, in shares of the greatest; return the leader's answer.
+        """Send a driver's velocity, in shares of the greatest from -1 to 1; return the leader's answer.
 
-        `token`: of the newest answer, see `formation.leader.driving`. Raises ValueError.
+        The answer has ``ok``, ``reason``, ``code``, ``mode``, and the ``token`` for the next one, see
+        `formation.leader.driving`. `driver` is the id of the page. Raises ValueError.
         """
         most = first_limits(self._mission)
         try:

@@ -46,27 +46,20 @@ _log = logging.getLogger(__name__)
 
 
 class Control(Protocol):
-    """Carries an operator's orders to the fleet."""
+    """Carries an operator's orders to the fleet: a `formation.monitor.web.control.Operator`.
+
+    Methods are called in threads of the server, perhaps in several at once.
+    """
 
     @property
     def token(self) -> str:
         """The token required in a request for an order."""
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
-        """Give an order and return the answers, as in `formation order --json`.
-
-        `what` are its values: a ``shape``, ``degrees`` and so on, see `formation.protocol.order.TAKES`.
-        `click` is the page's own id of the click, the same if it is sent twice; `seen` is the moment that
-        the page showed [s, our system clock]. Called in threads of the server, perhaps in several at once.
-        ValueError if the order is not possible now.
-        """
+        """Give an order and return the answers, as in `formation order --json`. Raises ValueError."""
 
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
-        """Drive the leader by hand: shares of the greatest speed and turn rate, from -1 to 1.
-
-        Return ``ok``, ``reason``, ``code``, ``mode`` and the ``token`` for the next one; `driver` is the id
-        of the page. Called in a thread of the server. ValueError for what is not legal.
-        """
+        """Drive the leader by hand, and return its answer. Raises ValueError."""
 
 
 Steer = Callable[[str, float | None], dict[str, Any]]

@@ -97,10 +97,10 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
     "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
-    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)}, "cmd-vel-type",
+    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST),)}, "cmd-vel-type",
         "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped"),
     "somebody else drives": (
-        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED, "ef"))},
+        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED))},
         "cmd-vel-contested", "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
     "no watchdog": ({"watchdog_state": "", "watchdog_unit": None}, "watchdog-down", "no watchdog answers"),

@@ -41,12 +41,7 @@ class Reel:
         for tenth in range(41):
             samples.append(Sample(ERROR.key(), encode(Number(1.0 / (1 + tenth))), None, 10.0 + tenth / 10))
         walls = sorted(samples, key=lambda one: one.arrived)
-        self.all = [
-            Recorded(
-                s._replace(arrived=s.arrived + EPOCH), s.arrived + EPOCH, round((s.arrived + EPOCH) * 1e9)
-            )
-            for s in walls
-        ]
+        self.all = [Recorded(s._replace(arrived=s.arrived + EPOCH), s.arrived + EPOCH) for s in walls]
 
     def messages(self, since: float) -> Iterator[Recorded]:
         return (one for one in self.all if one.wall >= since)
