@@ -43,11 +43,11 @@ class DrivenFleet(ABC):
 
     @abstractmethod
     def error(self) -> float:
-        """Formation error, summed over all edges [m]; NaN if unknown."""
+        """Return the formation error, summed over all edges [m]; NaN if unknown."""
 
     @abstractmethod
     def state(self, robot: str) -> str:
-        """State of a follower's agent, such as ``run`` or ``hold``."""
+        """Return the state of a follower's agent, such as ``run`` or ``hold``."""
 
     @abstractmethod
     def close(self) -> None:

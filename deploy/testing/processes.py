@@ -120,11 +120,11 @@ class ProcessFleet(DrivenFleet):
             self._look(min(left, PAUSE))
 
     def error(self) -> float:
-        """Formation error, summed over all edges [m]; NaN while a position is missing."""
+        """Return the formation error, summed over all edges [m]; NaN while a position is missing."""
         return self.snapshot.error
 
     def state(self, robot: str) -> str:
-        """State of a follower's agent, such as ``run`` or ``hold``; empty if it is unknown."""
+        """Return the state of a follower's agent, such as ``run`` or ``hold``; empty if it is unknown."""
         return self.snapshot.robots.get(robot, RobotNow()).state
 
     def kill(self, name: str) -> None:

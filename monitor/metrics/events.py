@@ -178,7 +178,7 @@ class _Robot:
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
     def _sight(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
-        """Whether a robot that must see its neighbours does, and how far odometry alone would be off."""
+        """Yield events about sight of its neighbours, and about odometry that scans have corrected."""
         if (more := self._sees.report(robot.sight, now.mono)) is not None and robot.sight:
             text = SIGHT.get(robot.sight) or "sees its neighbours: " + ", ".join(
                 f"{name} to {deviation * 1e3:.0f} mm" for name, deviation in robot.seen.items()

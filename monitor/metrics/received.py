@@ -134,7 +134,7 @@ class ReceivedOfRobot(Received):
             one.trajectory.forget()
 
     def missed(self) -> int:
-        """Missed periods, summed over all keys."""
+        """Return the missed periods, summed over all keys."""
         return sum(feed.missed for feed in self._feeds.values())
 
     def metrics(self, now: Now, error: KnownError, state: tuple[str, str] | None) -> RobotMetrics:

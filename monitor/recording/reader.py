@@ -87,7 +87,7 @@ class Recording:
                 yield from _messages(file, since)
 
     def is_cut(self) -> bool:
-        """Whether the end of a part is missing: its recorder was killed or is still running."""
+        """Return whether the end of a part is missing: its recorder was killed or is still running."""
         return not all(map(is_whole, self.parts))
 
     def extent(self) -> Extent:

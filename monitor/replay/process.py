@@ -226,7 +226,7 @@ class Replay:
                 return
 
     def _bridge(self, source: Source) -> None:
-        """While seeking, show the last frame and the goal to pages opened meanwhile."""
+        """Show the last frame and the goal, while seeking, to pages opened meanwhile."""
         last = source.look
         if last is not None and source.wanted and self._frames.tick(time.monotonic()):
             source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)

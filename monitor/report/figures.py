@@ -33,7 +33,7 @@ CHANGED = "#D55E00"
 
 @contextmanager
 def _style() -> Iterator[None]:
-    import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
+    import matplotlib as mpl  # noqa: PLC0415 - needed only for drawing
 
     with mpl.rc_context(STYLE):
         yield
@@ -161,7 +161,7 @@ def write(folder: Path, figures: Mapping[str, Figure], formats: Sequence[str]) -
 
 
 def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure  # noqa: PLC0415 - only who draws needs it
+    from matplotlib.figure import Figure  # noqa: PLC0415 - needed only for drawing
 
     return Figure(figsize=(width, height), layout="constrained")
 

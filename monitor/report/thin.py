@@ -112,7 +112,7 @@ class Samples(_Rows):
     merges, dtype = (lambda first, _second: first,), np.complex128
 
     def taken(self, start: float) -> tuple[FloatArray, Any]:
-        """Times since `start` [s], and the rows."""
+        """Return the times since `start` [s], and the rows."""
         return self._time[: self._count] - start, self._rows[0][: self._count].copy()
 
 

@@ -75,7 +75,7 @@ class Traffic:
     def keys(
         self, snapshot: Snapshot, rejected: Mapping[str, int], start: float, end: float
     ) -> Iterator[Key]:
-        """Every key of the mission, in the order of the topic table, in time since `start` [s]."""
+        """Yield every key of the mission, in the order of the topic table, in time since `start` [s]."""
         metrics = {key: one for robot in snapshot.robots.values() for key, one in robot.keys.items()}
         order = [topic.name for topic in TABLE]
         for key, one in sorted(self._keys.items(), key=lambda item: order.index(item[1].topic.name)):
