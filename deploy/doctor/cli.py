@@ -95,7 +95,7 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
         raise Refusal(f"{config} is missing: install this robot's bundle again")
     papers = tls.papers_of(config) if options.config or config.is_file() else None
     if options.certificates is not None:
-        papers = dict(tls.papers_in(options.certificates, [robot])).get(robot, papers)
+        papers = tls.papers_in(options.certificates, [robot]).get(robot, papers)
     there = current / "mission.toml"
     given = options.mission is not None
     facts = gather.robot_facts(

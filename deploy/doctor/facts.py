@@ -153,7 +153,7 @@ class Facts:
     """Publishers of cmd_vel, as far as ROS shows them."""
     reached: Mapping[str, Reached] = field(default_factory=dict)
     """Other robots' agents by name; at the desk this robot's own."""
-    certificates: tuple[Certificate, ...] | None = None
+    certificate: Certificate | None = None
     chrony: Chrony | None = None
     installed_differs: str | None = None
     """Place of an installed mission that differs from the given one; empty if it is the same."""

@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.feed import finite, freshness_limit
 from formation.monitor.metrics.keys import Watched, watched
 from formation.monitor.metrics.orders import Orders, Wish
-from formation.monitor.metrics.received import Received, ReceivedOfRobot, Tracked
+from formation.monitor.metrics.received import Received, ReceivedOfRobot
 from formation.monitor.metrics.settling import KnownError, KnownSettling, Settling
 from formation.monitor.metrics.snapshot import Edge, Snapshot
 from formation.monitor.metrics.statuses import Requests
@@ -115,7 +115,7 @@ class Metrics:
         Call it steadily: settling is judged only by what it sees. With `known_only` it judges the known edges
         alone, for use while it cannot judge all of them.
         """
-        moment, errors = self._compare(now, lambda robot: robot.place)
+        moment, errors = self._compare(now)
         error, formed = _sum(errors.values()), moment >= self.orders.formed_since
         at, last = moment + now.mono - now.wall, self._settling.last  # settling runs on the monotonic clock
         if error is not None and not known_only and (last is None or at > last):
@@ -125,7 +125,7 @@ class Metrics:
 
     def snapshot(self, now: Now) -> Snapshot:
         """Return everything known now, without changing anything."""
-        errors = self._compare(now, lambda robot: robot.place)[1]
+        errors = self._compare(now)[1]
         start, until = self._settling.start, max(one.place.feed.accepted for one in self._robots.values())
         ordered, lead = self.orders.newest, self.orders.lead
         leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
@@ -139,7 +139,7 @@ class Metrics:
             formation_error=_sum(errors.values()),
             known=self._sum_known(errors, now),
             known_verdict=self._known.verdict(until, start),
-            formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
+            formation_error_true=_sum(self._compare(now, truly=True)[1].values()),
             settled_at=self._settling.settled_at(until),
             converged=self._settling.converged(until),
             final_error=self._settling.final(until),
@@ -171,12 +171,16 @@ class Metrics:
             },
         )
 
-    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
+    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, dict[str, Placed]]:
         """Return the moment of comparison [s, our system clock], and the known places of robots at it.
 
         From the robots' own positions, or `truly`: from ground truth. Changes nothing.
         """
-        return self._placed(now, lambda robot: robot.truth if truly else robot.place)
+        tracked = {name: robot.truth if truly else robot.place for name, robot in self._robots.items()}
+        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
+        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
+        return moment, {name: place for name, place in places.items() if place is not None}
 
     def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
         """Take in a position and its attachment. Raises BadMessage."""
@@ -198,9 +202,9 @@ class Metrics:
             self._settling.restart(moment - self._ahead)
             self._known.restart(moment - self._ahead)
 
-    def _compare(self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]) -> tuple[float, Errors]:
+    def _compare(self, now: Now, *, truly: bool = False) -> tuple[float, Errors]:
         """Return the moment of comparison [s, our system clock], and each edge's |z_ij - z*_ij| [m]."""
-        moment, placed = self._placed(now, which)
+        moment, placed = self.placed(now, truly=truly)
         slots = self.orders.slots(moment)
 
         def error(edge: Edge) -> float | None:
@@ -213,22 +217,13 @@ class Metrics:
 
     def _sum_known(self, errors: Errors, now: Now) -> KnownError:
         """Return the known error by the robots' own positions, and the silent robots."""
-        placed = self._placed(now, lambda robot: robot.place)[1]
+        placed = self.placed(now)[1]
         silent = {
             name: finite(robot.place.feed.silence(now.mono))
             for name, robot in self._robots.items()
             if name not in placed
         }
         return KnownError.of(errors.values(), silent)
-
-    def _placed(
-        self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]
-    ) -> tuple[float, dict[str, Placed]]:
-        tracked = {name: which(robot) for name, robot in self._robots.items()}
-        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
-        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
-        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
-        return moment, {name: place for name, place in places.items() if place is not None}
 
 
 def _sum(values: Iterable[float | None]) -> float | None:

@@ -27,7 +27,6 @@ from formation.monitor.report.thin import (
     Commands,
     Curves,
     Extremes,
-    Judge,
     Measured,
     Robot,
     Samples,
@@ -135,8 +134,8 @@ class _Gatherer:
         count = len(mission.followers)
         self._paths = Samples(2 * (count + 1))
         self._formation, self._errors, self._headings = Extremes(2), Extremes(count), Extremes(count)
-        self._judge, self._true_judge = Judge(), Judge()
-        self._judges = {name: (Judge(), Judge()) for name in mission.followers}  # of error and heading
+        self._error, self._true_error = Measured(), Measured()
+        self._robots = {name: (Measured(), Measured()) for name in mission.followers}  # error and heading
         self._offsets = np.array(
             [0.0, *(mission.robots[name].control_point_offset for name in mission.followers)]
         )
@@ -171,7 +170,8 @@ class _Gatherer:
         end = 0.0 if math.isnan(self._end) else self._end
         snapshot = self._rerun.metrics.snapshot(Now(end, end))
         start = self._start if self._start is not None else self._begin if self.messages else 0.0
-        settled = snapshot.settled_at is not None
+        if snapshot.settled_at is None:
+            self._restart()
         count = len(self._mission.names)
         time, rows = self._paths.taken(start)
         rejected = self._rerun.metrics.rejections.by_key
@@ -190,15 +190,11 @@ class _Gatherer:
                 name: self._commands[CMD_VEL.key(name)].curves.curves(start)
                 for name in self._mission.followers
             },
-            error=self._judge.measured(settled=settled),
-            true_error=self._true_judge.measured(settled=settled),
+            error=self._error,
+            true_error=self._true_error,
             robots={
-                name: Robot(
-                    error.measured(settled=settled),
-                    heading.measured(settled=settled),
-                    self._commands[CMD_VEL.key(name)].shares,
-                )
-                for name, (error, heading) in self._judges.items()
+                name: Robot(error, heading, self._commands[CMD_VEL.key(name)].shares)
+                for name, (error, heading) in self._robots.items()
             },
             keys=tuple(self._traffic.keys(snapshot, rejected, start, end)),
             late=self._late.by_topic,
@@ -219,8 +215,7 @@ class _Gatherer:
         self._now_settled = snapshot.settled_at
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:
             self._settled_at = snapshot.settled_at
-            for judge in (self._judge, self._true_judge, *chain.from_iterable(self._judges.values())):
-                judge.restart()
+            self._restart()
         moment, placed = metrics.placed(now)
         if not placed:
             moment = now.wall
@@ -229,15 +224,20 @@ class _Gatherer:
         of = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
         same = snapshot.formation_error is not None and abs(of - moment) < self._same
         true_error = snapshot.formation_error_true if same else None
-        self._judge.add(snapshot.formation_error)
-        self._true_judge.add(true_error)
-        for name, (error, heading) in self._judges.items():
+        self._error.add(snapshot.formation_error)
+        self._true_error.add(true_error)
+        for name, (error, heading) in self._robots.items():
             error.add(snapshot.robots[name].error)
             heading.add(snapshot.robots[name].heading_error)
         if moment - self._shown > MAX_LINE_GAP and self._shown > 0.0:
             self._row(self._shown, {}, {}, (None, None))
         self._row(moment, placed, snapshot.robots, (snapshot.formation_error, true_error))
         self._shown = moment
+
+    def _restart(self) -> None:
+        """Measure anew what is measured since the formation has settled."""
+        for one in (self._error, self._true_error, *chain.from_iterable(self._robots.values())):
+            one.restart()
 
     def _row(
         self,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,15 +164,24 @@ class Size:
         return math.sqrt(self._squares / self.count) if self.count else None
 
 
-@dataclass(frozen=True, slots=True)
 class Measured:
     """RMS and maximum of one quantity: over the whole run, and since the formation has settled."""
 
-    whole: Size
-    after: Size
-    """Empty if it has not settled."""
-    final: float | None
-    """The newest known value."""
+    def __init__(self) -> None:
+        self.whole, self.after = Size(), Size()
+        self.final: float | None = None
+        """The newest known value."""
+
+    def add(self, value: float | None) -> None:
+        """Take one value; None means unknown."""
+        if value is not None:
+            self.whole.add(value)
+            self.after.add(value)
+            self.final = value
+
+    def restart(self) -> None:
+        """Start the second half: from now on it may be settled for good."""
+        self.after = Size()
 
 
 class Robot(NamedTuple):
@@ -185,29 +193,6 @@ class Robot(NamedTuple):
     """Estimated less true heading [rad]; empty without ground truth."""
     saturated: tuple[float | None, float | None]
     """Shares of its commands at the limit of the speed and of the turn rate; None without a command."""
-
-
-class Judge:
-    """Statistics of one quantity, before and after settling."""
-
-    def __init__(self) -> None:
-        self._whole, self._after = Size(), Size()
-        self._final: float | None = None
-
-    def add(self, value: float | None) -> None:
-        """Take one value; None means unknown."""
-        if value is not None:
-            self._whole.add(value)
-            self._after.add(value)
-            self._final = value
-
-    def restart(self) -> None:
-        """Start the second half: from now on it may be settled for good."""
-        self._after = Size()
-
-    def measured(self, *, settled: bool) -> Measured:
-        """Return the statistics; the second half only if it has `settled`."""
-        return Measured(self._whole, self._after if settled else Size(), self._final)
 
 
 class Commands:

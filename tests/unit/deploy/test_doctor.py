@@ -156,16 +156,16 @@ CERTIFICATES: dict[str, tuple[Mapping[str, Any], str]] = {
 @pytest.mark.parametrize("name", CERTIFICATES)
 def test_each_fault_of_a_certificate_is_named(name: str) -> None:
     changes, sentence = CERTIFICATES[name]
-    assert HEALTHY.certificates is not None
-    sentences = found(replace(HEALTHY, certificates=(replace(HEALTHY.certificates[0], **changes),)))
+    assert HEALTHY.certificate is not None
+    sentences = found(replace(HEALTHY, certificate=replace(HEALTHY.certificate, **changes)))
     assert list(sentences) == [name]
     assert sentence in sentences[name]
 
 
 def test_single_pause_and_group_readable_key_are_accepted() -> None:
-    assert HEALTHY.certificates is not None
-    shared = replace(HEALTHY.certificates[0], mode=0o640)
-    assert found(replace(HEALTHY, odometry=paused(0.2), certificates=(shared,))) == {}
+    assert HEALTHY.certificate is not None
+    shared = replace(HEALTHY.certificate, mode=0o640)
+    assert found(replace(HEALTHY, odometry=paused(0.2), certificate=shared)) == {}
 
 
 def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
@@ -208,7 +208,7 @@ STANDBY = replace(
     robot="deputy",
     newest_status=OWN,
     reached={"deputy": Reached("tls/192.168.1.16:7460", "ok", name="deputy")},
-    certificates=None,
+    certificate=None,
 )
 
 
