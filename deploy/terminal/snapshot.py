@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.event import Event
-from formation.monitor.metrics.settling import KnownVerdict
+from formation.monitor.metrics.settling import KnownError, KnownVerdict
 
 MAX_ERRORS = 7200
 """Number of values of the formation error in a picture: half an hour at four a second."""
@@ -50,15 +50,6 @@ class RobotNow(NamedTuple):
         return cls(**{name: robot[name] for name in cls._fields[:-1]}, known_error=robot["known"][0])
 
 
-class Known(NamedTuple):
-    """The formation error over the edges that are known."""
-
-    error: float = math.nan
-    """[m]; NaN if none is."""
-    words: str = ""
-    """Number of known edges, and why not all; empty if all are known, or none."""
-
-
 class Snapshot(NamedTuple):
     """The formation as the monitor saw it at one time."""
 
@@ -73,20 +64,20 @@ class Snapshot(NamedTuple):
     """Robots that the leader waits for."""
     placed_shape: str = ""
     """Rotation and scale of the shape, and whether it is changing."""
-    partial: Known | None = None
-    """The error over the known edges, if not all are known."""
+    partial: KnownError | None = None
+    """The error over the known edges, if some are known but not all."""
     candidates: Mapping[str, str] = MappingProxyType({})
     """State of each candidate, by rank; empty if there are no standbys."""
 
     @property
-    def known(self) -> Known:
-        """The error over the known edges, all or some."""
-        return self.partial or Known(self.error)
+    def known_error(self) -> float:
+        """The error over the known edges, all or some [m]; NaN if there are none."""
+        return self.error if self.partial is None or self.partial.error is None else self.partial.error
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
         """Read a snapshot of the monitor, as `formation.monitor.metrics.words.as_json` gives it."""
-        error = event["formation_error"]
+        error, known = event["formation_error"], KnownVerdict.of_json(event["known"]).final
         return cls(
             math.nan if error is None else error,
             {name: RobotNow.of(robot) for name, robot in event["robots"].items()},
@@ -94,7 +85,7 @@ class Snapshot(NamedTuple):
             event["leads"],
             event["waits"],
             _placed_shape(event),
-            _known(event["known"]) if error is None else None,
+            known if error is None and known is not None and known.error is not None else None,
             {name: one["state"] for name, one in event["candidates"].items()},
         )
 
@@ -127,7 +118,7 @@ class Progress:
     @property
     def settled(self) -> bool:
         """Whether the error over the known edges is under the mission's bound now."""
-        return self.snapshot is not None and self.snapshot.known.error < self.mission.settled
+        return self.snapshot is not None and self.snapshot.known_error < self.mission.settled
 
     @property
     def left(self) -> float:
@@ -138,18 +129,12 @@ class Progress:
         """Take a snapshot of the monitor."""
         self.snapshot = snapshot
         self.events.extend(snapshot.events)
-        if math.isfinite(snapshot.known.error):
-            self.errors.append(snapshot.known.error)
+        if math.isfinite(snapshot.known_error):
+            self.errors.append(snapshot.known_error)
 
     def lose_sight(self) -> None:
         """Forget the current values after the monitor's end, so that old ones are not shown as current."""
         self.snapshot = Snapshot(math.nan, {})
-
-
-def _known(known: Mapping[str, Any]) -> Known | None:
-    """Return the error over the known edges; None if there are none."""
-    final = KnownVerdict.of_json(known).final
-    return None if final is None or final.error is None else Known(final.error, final.words)
 
 
 def _placed_shape(event: Mapping[str, Any]) -> str:

@@ -169,8 +169,7 @@ def _signed(value: float, digits: int) -> str:
 
 
 def _footer(progress: Progress, snapshot: Snapshot, width: int, *, ascii_only: bool) -> list[Text]:
-    known = snapshot.known
-    head = f"error {metres(known.error):>8} "
+    head = f"error {metres(snapshot.known_error):>8} "
     mark = f" settled (< {metres(progress.mission.settled)})" if progress.settled else ""
     room = max(8, width - len(head) - len(mark) - 1)
     first = Text(head)
@@ -178,8 +177,8 @@ def _footer(progress: Progress, snapshot: Snapshot, width: int, *, ascii_only: b
     first.append(mark, style="bold green")
 
     lines = [first]
-    if known.words:
-        lines.append(Text(f"over {known.words}", style="yellow"))
+    if snapshot.partial is not None:
+        lines.append(Text(f"over {snapshot.partial.words}", style="yellow"))
     lines += _leading(progress, snapshot, ascii_only=ascii_only)
     if progress.duration is not None or progress.phase == "running":
         lines.append(_clock(progress, width, ascii_only=ascii_only))

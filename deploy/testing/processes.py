@@ -67,8 +67,7 @@ class ProcessFleet(DrivenFleet):
             if name not in self.mission.followers:
                 raise ValueError(f"drivers: {name}: must be one of {', '.join(self.mission.followers)}")
         self._held, self._closed = ExitStack(), False
-        self._killed: set[str] = set()  # names of processes
-        self._frozen: set[str] = set()
+        self._frozen: set[str] = set()  # names of processes
         self._cuts: set[tuple[str, str]] = set()
         try:
             self.folder = folder or Path(self._held.enter_context(tempfile.TemporaryDirectory()))
@@ -129,14 +128,12 @@ class ProcessFleet(DrivenFleet):
 
     def kill(self, name: str) -> None:
         """Kill the agent of a follower, or a candidate, with SIGKILL."""
-        self._killed.add(self._process(name))
         self._child(name).kill()
 
     def start(self, name: str) -> None:
         """Start it again, and wait until it is ready."""
         process = self._process(name)
         self._launcher.start(self._programs[process])
-        self._killed.discard(process)
         self._frozen.discard(process)
         self._wait_until_ready()
 
