@@ -160,9 +160,8 @@ class _Gatherer:
             self._late.process_message(key, payload, wall)
             if key in self._commands:
                 self._commands[key].process_command(payload, wall)
-        self._story.process_message(key, payload)
+        self._story.process_message(key, payload, self._now_settled)
         self._leader_terms.process_sample(message.sample, wall)
-        self._story.check(key, payload, self._now_settled)
         if key == ERROR.key() or wall - self._looked > LOOK_PERIOD:
             self._look(Now(wall, wall))
 

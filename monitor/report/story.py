@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -48,31 +49,23 @@ class Story:
         self.apart = math.nan
         """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
-    def process_message(self, key: str, payload: bytes) -> None:
-        """Take a message, if it is an event."""
-        if key != EVENTS.key():
-            return
-        try:
-            entry = decode(LogEntry, payload)
-        except BadMessage:
-            return
-        if len(self.events) < MAX_EVENTS:
-            self.events.append(from_message(entry))
-        else:
-            self.unlisted += 1
-
-    def check(self, key: str, payload: bytes, settled_at: float | None) -> None:
-        """Compare the settling time that the monitor published with the one found now [s].
+    def process_message(self, key: str, payload: bytes, settled_at: float | None) -> None:
+        """Take an event, or compare the monitor's published settling time with `settled_at`, found now [s].
 
         The live one is on the monotonic clock, which is not in a recording.
         """
-        if key != DIAGNOSTICS.key() or settled_at is None or SETTLED not in payload:
-            return
-        try:
-            values = decode(Diagnostics, payload).statuses[0].values
-            self.apart = float(values.get("settled_at", "nan")) - settled_at
-        except (BadMessage, IndexError, ValueError):
-            return
+        with suppress(BadMessage, IndexError, ValueError):
+            if key == EVENTS.key():
+                self._add(from_message(decode(LogEntry, payload)))
+            elif key == DIAGNOSTICS.key() and settled_at is not None and SETTLED in payload:
+                values = decode(Diagnostics, payload).statuses[0].values
+                self.apart = float(values.get("settled_at", "nan")) - settled_at
+
+    def _add(self, event: Event) -> None:
+        if len(self.events) < MAX_EVENTS:
+            self.events.append(event)
+        else:
+            self.unlisted += 1
 
     def look(self, wall: float, orders: Orders) -> None:
         """Note a change of the order by `wall` [s]."""
