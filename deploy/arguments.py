@@ -69,9 +69,7 @@ def read_mission(name: str, law: str | None = None) -> Mission:
     """Return the mission, with `law` if given. Raises Refusal."""
     with refusing(MissionError):
         mission = load(name)
-    if law is None:
-        return mission
-    return mission.under(law)
+    return mission if law is None else mission.under(law)
 
 
 def number(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> Callable[[str], float]:

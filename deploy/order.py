@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, add_links, number, parser, read_mission, tell
+from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.deploy.terminal.bar import waiting
 from formation.mission.file import (
@@ -18,7 +19,6 @@ from formation.mission.file import (
     MISSION_HELP,
     MISSION_NAME,
     MissionError,
-    configuration_of,
     parse_route,
     read,
 )
@@ -28,10 +28,6 @@ from formation.protocol.outcome import Outcome
 from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
-from formation.transport.bus import Bus
-from formation.transport.bus_config import BusError
-from formation.transport.runtime.flags import bus_config
-from formation.transport.wiring import Links
 
 DEFAULT = "six_robots"
 """Default mission of `formation run`, which a stop without a mission stops where no bundles are."""
@@ -135,17 +131,13 @@ def found(here: Path) -> str:
 
 def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest) -> int:
     """Ask all robots concerned, and print the answers; return the exit code. Raises Refusal."""
-    options.config = options.config or configuration_of(options.mission, OPERATOR)
     recipients = asking.addressed(mission, request.do)
-    with refusing(BusError):
-        where = wiring.endpoints(mission).agents
-        links = Links((), tuple(where[name] for name in recipients.names))
-        with Bus(bus_config(options, mission, links, OPERATOR)) as bus:
-            with waiting(f"asking for up to {options.timeout:g} s"):
-                outcome = asking.give(
-                    bus.question, recipients, request, options.timeout, linked=lambda: bus.links
-                )
-            _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
+    with operator_bus(options, mission, recipients.names) as bus:
+        with waiting(f"asking for up to {options.timeout:g} s"):
+            outcome = asking.give(
+                bus.question, recipients, request, options.timeout, linked=lambda: bus.links
+            )
+        _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
     return 0 if outcome.obeyed else 1
 
 

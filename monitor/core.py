@@ -8,7 +8,8 @@ from itertools import takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event, Events, to_message
+from formation.monitor.metrics.event import Event, to_message
+from formation.monitor.metrics.events import Events
 from formation.monitor.metrics.keys import watched
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
@@ -20,8 +21,6 @@ from formation.wire import Now, Outgoing, Sample
 
 MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
-
-
 T = TypeVar("T", bound=tuple[Any, ...])
 
 

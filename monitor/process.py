@@ -13,7 +13,7 @@ from typing import Any
 
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor, after
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import as_json, line

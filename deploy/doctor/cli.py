@@ -95,7 +95,7 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
         raise Refusal(f"{config} is missing: install this robot's bundle again")
     papers = tls.papers_of(config) if options.config or config.is_file() else None
     if options.certificates is not None:
-        papers = dict(tls.papers_in(options.certificates, [robot])).get(robot, papers)
+        papers = tls.papers_in(options.certificates, [robot]).get(robot, papers)
     there = current / "mission.toml"
     given = options.mission is not None
     facts = gather.robot_facts(
@@ -134,13 +134,13 @@ def _robot_of(version: Path, mission: Mission) -> str:
     return robot
 
 
-def words(checks: Checks, style: Style = PLAIN, width: int = LINE_WIDTH) -> str:
+def words(checks: Checks, style: Style = PLAIN) -> str:
     """Return all results, grouped by robot."""
     lines: list[str] = []
     for name, checked in checks.items():
         lines.append(f"{style.bold}{name}{style.plain}")
         for one in checked:
-            lines += _lines(one, style, width)
+            lines += _lines(one, style)
         lines.append("")
     ill = {name: sum(len(one.findings) for one in checked) for name, checked in checks.items()}
     found = sum(ill.values())
@@ -172,17 +172,17 @@ def ok(checks: Checks) -> bool:
     return not any(one.findings for checked in checks.values() for one in checked)
 
 
-def _lines(one: Checked, style: Style, width: int) -> Iterator[str]:
+def _lines(one: Checked, style: Style) -> Iterator[str]:
     if not one.findings:
-        yield from _wrapped(f"  {style.well} {one.title:<{TITLE_WIDTH}}", one.seen, width)
+        yield from _wrapped(f"  {style.well} {one.title:<{TITLE_WIDTH}}", one.seen)
     for finding in one.findings:
-        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE_WIDTH}}", finding.sentence, width)
-        yield from _wrapped(f"    {'':<{TITLE_WIDTH}}{style.arrow} ", finding.remedy, width, hang=2)
+        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE_WIDTH}}", finding.sentence)
+        yield from _wrapped(f"    {'':<{TITLE_WIDTH}}{style.arrow} ", finding.remedy, hang=2)
 
 
-def _wrapped(head: str, text: str, width: int, hang: int = 0) -> Iterator[str]:
+def _wrapped(head: str, text: str, hang: int = 0) -> Iterator[str]:
     column = 4 + TITLE_WIDTH
-    first, *rest = textwrap.wrap(text, max(20, width - column - hang), break_on_hyphens=False) or [""]
+    first, *rest = textwrap.wrap(text, LINE_WIDTH - column - hang, break_on_hyphens=False) or [""]
     yield head + first
     yield from (" " * (column + hang) + line for line in rest)
 

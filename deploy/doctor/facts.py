@@ -76,8 +76,6 @@ class Party(NamedTuple):
     """Name of the node, or of its bridge."""
     type: str
     """ROS type, ``package/msg/Name``."""
-    session: str
-    """Zenoh id of its session."""
 
 
 class Reached(NamedTuple):
@@ -137,7 +135,6 @@ class Facts:
     position: Stream | None = None
     status: Stream | None = None
     newest_status: AgentStatus | LeaderStatus | None = None
-    """The newest status."""
     alive: tuple[tuple[float, float], ...] | None = None
     """Signs of life: arrival [s, monotonic] and stated time [s since the agent's start]."""
     router: str | None = None
@@ -156,7 +153,7 @@ class Facts:
     """Publishers of cmd_vel, as far as ROS shows them."""
     reached: Mapping[str, Reached] = field(default_factory=dict)
     """Other robots' agents by name; at the desk this robot's own."""
-    certificates: tuple[Certificate, ...] | None = None
+    certificate: Certificate | None = None
     chrony: Chrony | None = None
     installed_differs: str | None = None
     """Place of an installed mission that differs from the given one; empty if it is the same."""

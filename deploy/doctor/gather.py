@@ -107,7 +107,7 @@ def robot_facts(
         listeners=listeners,
         speakers=speakers,
         reached={name: reach(where[name], papers) for name in partners(mission, robot)},
-        certificates=_certificates(robot, papers),
+        certificate=_certificate(robot, papers),
         chrony=_chrony(),
         installed_differs=_differs(mission, installed),
         wall=time.time(),
@@ -126,8 +126,7 @@ def fleet_facts(
 
     `config` is the operator's, `folder` has the mission's certificates.
     """
-    found = {} if folder is None else dict(tls.papers_in(folder, members(mission)))
-    certificates = {name: _certificates(name, one) for name, one in found.items()}
+    found = {} if folder is None else tls.papers_in(folder, members(mission))
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
     keys = {name: STATUS.key(name) for name in robots}
@@ -161,7 +160,7 @@ def fleet_facts(
             status=stream,
             newest_status=newest,
             reached={name: reached[name]},
-            certificates=certificates.get(name),
+            certificate=_certificate(name, found.get(name)),
             doubled=tuple(
                 other
                 for other, status in known.items()
@@ -198,7 +197,7 @@ def desk_facts(mission: Mission, papers: Papers | None, others: Sequence[Facts])
         robot=mission.leader,
         on_robot=False,
         seconds=0.0,
-        certificates=_certificates(OPERATOR, papers),
+        certificate=_certificate(OPERATOR, papers),
         chrony=_chrony(),
         leading=tuple(name for name in mission.candidates if name in leads) if mission.standbys else None,
         wall=time.time(),
@@ -250,17 +249,16 @@ def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator
         for key in bus.tokens(tokens.all_tokens(spec.domain), TOKEN_TIME):
             token = tokens.read(key)
             if token is not None and token.topic == name and token.zid != bus.zid:
-                yield token.kind, Party(token.node, token.type, token.zid)
+                yield token.kind, Party(token.node, token.type)
     else:
         for key in bus.tokens(tokens.ROUTES, TOKEN_TIME):
             route = tokens.read_route(key)
             if route is not None and route.key == name:
-                yield route.kind, Party("a node behind the bridge", route.type, route.zid)
+                yield route.kind, Party("a node behind the bridge", route.type)
 
 
-def _certificates(name: str, papers: Papers | None) -> tuple[Certificate, ...] | None:
-    read = None if papers is None else tls.read(name, papers)
-    return None if read is None else (read,)
+def _certificate(name: str, papers: Papers | None) -> Certificate | None:
+    return None if papers is None else tls.read(name, papers)
 
 
 def _differs(mission: Mission, installed: Path | None) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from formation.control.tracker import FRESH_PERIODS
-from formation.deploy.doctor.facts import Certificate, Examination, Facts, Finding, Stream
+from formation.deploy.doctor.facts import Examination, Facts, Finding, Stream
 from formation.protocol.status import RobotLink
 from formation.protocol.status_codec import LINKS
 from formation.ros2.tokens import hidden
@@ -250,17 +250,11 @@ def _streams(facts: Facts) -> Iterator[tuple[str, Stream]]:
             yield what, stream
 
 
-def _certificates(facts: Facts) -> Iterator[Finding]:
-    for one in facts.certificates or ():
-        yield from _certificate(one, facts.wall)
-
-
-def _certificates_seen(facts: Facts) -> str:
-    usable = [one for one in facts.certificates or () if not one.problem]
-    if not usable:
+def _certificate_seen(facts: Facts) -> str:
+    one = facts.certificate
+    if one is None or one.problem:
         return ""
-    first = min(usable, key=lambda one: one.ends)
-    return f"{first.name} is valid for {_span(first.ends - facts.wall)}"
+    return f"{one.name} is valid for {_span(one.ends - facts.wall)}"
 
 
 def _span(seconds: float) -> str:
@@ -270,7 +264,10 @@ def _span(seconds: float) -> str:
     return f"{seconds / 3_600:.1f} hours" if abs(seconds) >= 5_400 else f"{seconds / 60:.0f} minutes"
 
 
-def _certificate(one: Certificate, now: float) -> Iterator[Finding]:
+def _certificate(facts: Facts) -> Iterator[Finding]:
+    one, now = facts.certificate, facts.wall
+    if one is None:
+        return
     if one.problem:
         yield Finding("certificate-unusable", f"{one.path}: {one.problem}", RENEW)
         return
@@ -303,4 +300,4 @@ ROBOT_LINK = Examination("robot", _link, _link_seen)
 WATCHDOG = Examination("watchdog", _watchdog, _watchdog_seen)
 ODOMETRY = Examination("odometry", _odometry, _odometry_seen)
 CLOCKS = Examination("clock", _clocks, _clocks_seen)
-CERTIFICATES = Examination("certificate", _certificates, _certificates_seen)
+CERTIFICATES = Examination("certificate", _certificate, _certificate_seen)

@@ -42,7 +42,7 @@ def _scanner(facts: Facts) -> Iterator[Finding]:
 
 
 def _rates(scan: ScanSpec) -> tuple[float, float, float]:
-    """Wanted rate of scans, and the least and the greatest that are normal [Hz]."""
+    """Return the wanted rate of scans, and the least and the greatest that are normal [Hz]."""
     if scan.scanner is None:
         return scan.rate, MIN_RATE_SHARE * scan.rate, MAX_RATE_SHARE * scan.rate
     least, most = scan.scanner.least_rate, scan.scanner.most_rate
@@ -133,7 +133,7 @@ def _sight_seen(facts: Facts) -> str:
 
 
 def _each(status: AgentStatus, landmarks: tuple[str, ...]) -> str:
-    """What it sees of each neighbour that corrects its pose."""
+    """Return what the robot sees of each neighbour that corrects its pose."""
     parts = []
     for name in landmarks:
         age, deviation = status.sight_age.get(name), status.sight_deviation.get(name)

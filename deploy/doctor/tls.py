@@ -9,7 +9,7 @@ import errno
 import socket
 import ssl
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,18 +44,17 @@ def papers_of(config: Path) -> Papers | None:
     return Papers(*map(Path, words)) if all(words) else None
 
 
-def papers_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Papers]]:
-    """Yield the papers of `names` found in `folder`, as made by `formation deploy certificates`.
+def papers_in(folder: Path, names: Sequence[str]) -> dict[str, Papers]:
+    """Return the papers of `names` found in `folder`, as made by `formation deploy certificates`.
 
     Raises Refusal if there are none.
     """
     found = {path.parent.name for path in folder.glob("*/certificate.pem")}
     if not found:
         raise Refusal(f"--certificates {folder}: holds none; `formation deploy certificates` makes them")
-    for name in names:
-        if name in found:
-            home = folder / name
-            yield name, Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+    homes = {name: folder / name for name in names if name in found}
+    files = "ca.pem", "certificate.pem", "key.pem"
+    return {name: Papers(*(home / file for file in files)) for name, home in homes.items()}
 
 
 def read(name: str, papers: Papers) -> Certificate | None:

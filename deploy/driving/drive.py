@@ -8,7 +8,7 @@ import select
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from uuid import uuid4
 
@@ -16,19 +16,16 @@ from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.inputs import KEY_SECONDS, QUIT, RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.driving.ros import add_router, listening
+from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
-from formation.mission.file import MISSION_HELP, configuration_of
+from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.ros2.messages import Twist, decode
 from formation.stability.driving import first_limits
-from formation.transport import wiring
-from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
 from formation.transport.mailbox import Question
-from formation.transport.runtime.flags import bus_config
-from formation.transport.wiring import Links
 from formation.wire import BadMessage
 
 EXAMPLES = """\
@@ -64,14 +61,13 @@ def main(arguments: Sequence[str]) -> int:
     """Drive; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
-    options.config = options.config or configuration_of(options.mission, OPERATOR)
     most = first_limits(mission)
     speed, turn_rate = min(options.speed or most.speed, most.speed), options.turn_rate or most.turn_rate
-    with ExitStack() as stack, refusing(BusError):
-        where = wiring.endpoints(mission).agents
-        links = Links((), tuple(where[name] for name in mission.candidates))
-        read = stack.enter_context(_input(options, speed, turn_rate))
-        bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
+    with (
+        refusing(BusError),
+        _input(options, speed, turn_rate) as read,
+        operator_bus(options, mission, mission.candidates) as bus,
+    ):
         drive = _Drive(bus, mission, speed, turn_rate)
         try:
             while True:
@@ -124,21 +120,17 @@ class _Drive:
         self._shown = what
 
 
-@contextmanager
-def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Iterator[Callable[[], Share]]:
-    """Yield a function that reads the chosen input. Raises Refusal."""
+def _input(
+    options: argparse.Namespace, speed: float, turn_rate: float
+) -> AbstractContextManager[Callable[[], Share]]:
+    """Return a context with a function that reads the chosen input. Raises Refusal."""
     if options.topic:
-        with listening(options.ros, (options.topic,), options.domain) as bus:
-            yield _twists(Twists(speed, turn_rate), bus)
-    elif options.gamepad:
-        with _gamepad(options.gamepad) as read:
-            yield read
-    else:
-        with _keys() as read:
-            yield read
+        return _topic(options, Twists(speed, turn_rate))
+    return _gamepad(options.gamepad) if options.gamepad else _keys()
 
 
-def _twists(twists: Twists, bus: Bus) -> Callable[[], Share]:
+@contextmanager
+def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[], Share]]:
     def read() -> Share:
         for sample in bus.drain():
             try:
@@ -146,9 +138,10 @@ def _twists(twists: Twists, bus: Bus) -> Callable[[], Share]:
             except BadMessage as bad:
                 raise Ended(1, f"{sample.key}: {bad}") from None
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
-        return twists.velocity(time.monotonic()) or RELEASED
+        return twists.velocity(time.monotonic())
 
-    return read
+    with listening(options.ros, (options.topic,), options.domain) as bus:
+        yield read
 
 
 @contextmanager
@@ -195,7 +188,7 @@ def _keys() -> Iterator[Callable[[], Share]]:
                 keys.press(text, now)
         if keys.quits:
             raise Ended(0, "drive ended: all robots hold")
-        return keys.velocity(now) or RELEASED
+        return keys.velocity(now)
 
     try:
         tty.setcbreak(file)

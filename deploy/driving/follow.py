@@ -5,23 +5,20 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.ros import add_router, listening
+from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
-from formation.mission.file import MISSION_HELP, configuration_of
+from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.protocol.order import OperatorRequest
 from formation.ros2.messages import Path, Pose, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits
-from formation.transport import asking, wiring
-from formation.transport.asking import OPERATOR
+from formation.transport import asking
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
-from formation.transport.runtime.flags import bus_config
-from formation.transport.wiring import Links
 from formation.wire import BadMessage, Sample
 
 ANSWER_SECONDS = 3.0
@@ -51,13 +48,12 @@ def main(arguments: Sequence[str]) -> int:
     topics = tuple(topic for topic in (options.goals, options.paths) if topic)
     if not topics:
         raise Refusal("name what to follow: --goals TOPIC, --paths TOPIC, or both")
-    options.config = options.config or configuration_of(options.mission, OPERATOR)
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
-    with ExitStack() as stack, refusing(BusError):
-        where = wiring.endpoints(mission).agents
-        links = Links((), tuple(where[name] for name in mission.candidates))
-        bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
-        ros = stack.enter_context(listening(options.ros, topics, options.domain))
+    with (
+        refusing(BusError),
+        operator_bus(options, mission, mission.candidates) as bus,
+        listening(options.ros, topics, options.domain) as ros,
+    ):
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         while True:
             ros.wait(PERIOD_SECONDS)

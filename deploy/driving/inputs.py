@@ -1,7 +1,7 @@
 """What a driver wants now, from keys, a gamepad or Twist messages. Pure but for reading files.
 
-Each input answers `velocity(now)` with a share of the greatest speed and turn rate, from -1 to 1, or
-`RELEASED` when the driver lets go. None means that the input has failed.
+Each input has `velocity`: a share of the greatest speed and turn rate, from -1 to 1, or `RELEASED` when the
+driver lets go. None means that the input has failed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 import struct
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from formation.control.plane import clip
 
@@ -52,13 +52,6 @@ FORWARD_AXIS, TURN_AXIS, DEAD_MAN_BUTTON = 1, 0, 4
 MAX_AXIS = 32767.0
 
 
-class Input(Protocol):
-    """What a driver wants."""
-
-    def velocity(self, now: float) -> Share | None:
-        """Return the share wanted at `now` [s, monotonic]; None if the input has failed."""
-
-
 class Keys:
     """Keys of a terminal, which tells presses and not releases: a press counts for a moment."""
 
@@ -79,8 +72,8 @@ class Keys:
             else:
                 self._wanted = RELEASED  # any other key stops
 
-    def velocity(self, now: float) -> Share | None:
-        """Return the newest key's share while it counts."""
+    def velocity(self, now: float) -> Share:
+        """Return the newest key's share while it counts at `now` [s, monotonic]."""
         return self._wanted if now < self._until and not self.quits else RELEASED
 
 
@@ -147,12 +140,9 @@ class Twists:
 
     def take(self, forward: float, turn_rate: float, arrived: float) -> None:
         """Take a message that arrived then [s, monotonic]: its speeds [m/s; rad/s]."""
-        if not (math.isfinite(forward) and math.isfinite(turn_rate)):
-            self._until = -math.inf
-            return
         self._newest = Share(clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
         self._until = arrived + TWIST_SECONDS
 
-    def velocity(self, now: float) -> Share | None:
-        """Return the newest message's share while it counts."""
+    def velocity(self, now: float) -> Share:
+        """Return the newest message's share while it counts at `now` [s, monotonic]."""
         return self._newest if now < self._until else RELEASED

@@ -18,13 +18,8 @@ PERIOD_SECONDS = 0.05
 class State(NamedTuple):
     """How the drive goes."""
 
-    leader: str = ""
-    """The candidate that answered last as the leader; empty for none."""
-    ok: bool = False
-    """Whether it took the newest velocity."""
-    mode: str = ""
-    reason: str = ""
-    code: str = ""
+    reply: OperatorReply | None = None
+    """The leader's newest answer."""
     answered: float = float("-inf")
     """When it answered [s, monotonic]."""
     seconds: float = 0.0
@@ -32,11 +27,11 @@ class State(NamedTuple):
 
     def words(self, now: float) -> str:
         """Say in one line how the drive goes at `now` [s, monotonic]."""
-        if now - self.answered > DRIVE_TIMEOUT_SECONDS:
+        if self.reply is None or now - self.answered > DRIVE_TIMEOUT_SECONDS:
             return "no leader answers"
-        if not self.ok and self.code != "first":
-            return f"{self.leader} does not obey: {self.reason}"
-        return f"{self.leader}: {self.mode}, answers in {self.seconds * 1e3:.0f} ms"
+        if not self.reply.ok and self.reply.code != "first":
+            return f"{self.reply.robot} does not obey: {self.reply.reason}"
+        return f"{self.reply.robot}: {self.reply.mode}, answers in {self.seconds * 1e3:.0f} ms"
 
 
 class Remote:
@@ -49,8 +44,8 @@ class Remote:
 
     def request(self, forward: float, turn_rate: float, now: float) -> tuple[tuple[str, ...], bytes]:
         """Return keys and payload of the next request, at `now` [s, monotonic]: forward [m/s; rad/s]."""
-        known = self.state.leader if now - self.state.answered <= DRIVE_TIMEOUT_SECONDS else ""
-        receivers = (known,) if known else self._candidates
+        reply, late = self.state.reply, now - self.state.answered > DRIVE_TIMEOUT_SECONDS
+        receivers = self._candidates if reply is None or late else (reply.robot,)
         payload = order.encode(
             OperatorRequest(
                 do="drive", forward=forward, turn_rate=turn_rate, token=self._token, id=self._name
@@ -67,6 +62,6 @@ class Remote:
                 continue
             if not reply.leads or reply.robot not in self._candidates:
                 continue
-            other = reply.robot != self.state.leader
+            other = self.state.reply is None or reply.robot != self.state.reply.robot
             self._token = reply.token if other else max(self._token, reply.token)
-            self.state = State(reply.robot, reply.ok, reply.mode, reply.reason, reply.code, now, now - sent)
+            self.state = State(reply, now, now - sent)

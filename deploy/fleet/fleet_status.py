@@ -17,8 +17,6 @@ EXAMPLES = """\
 
 Exit code 0: every robot runs what is in DIR; 1: some do not, as named.
 """
-
-
 TITLES = ("release", "formation", "mission", "since")
 
 

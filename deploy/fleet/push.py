@@ -58,7 +58,12 @@ class Pushed(NamedTuple):
 
 
 class View:
-    """Shows the progress of a push, here nothing; called from many threads; a context manager."""
+    """Shows the progress of a push in lines; called from many threads; a context manager."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Without a `stream`, show nothing."""
+        self._stream = stream
+        self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -67,9 +72,12 @@ class View:
 
     def phase(self, robot: str, phase: str) -> None:
         """Show a robot's phase: `connecting`, `comparing` or `installing`."""
+        if phase == "installing":
+            self._say(robot, phase)
 
     def sending(self, robot: str, files: int, total: int) -> None:
         """Show how many files and bytes are to be sent [bytes]."""
+        self._say(robot, f"sending {files} files, {size(total)}")
 
     def sent(self, robot: str, count: int) -> None:
         """Add to the bytes sent [bytes]."""
@@ -77,36 +85,21 @@ class View:
     def line(self, robot: str, text: str) -> None:
         """Show a line of the installation."""
 
-    def end(self, robot: str, text: str, *, well: bool) -> None:
+    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - for `_Bars`
         """Show that a robot is done."""
-
-
-class _Plain(View):
-    """A line for each event."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._lock = threading.Lock()
-
-    def phase(self, robot: str, phase: str) -> None:
-        if phase == "installing":
-            self._say(robot, phase)
-
-    def sending(self, robot: str, files: int, total: int) -> None:
-        self._say(robot, f"sending {files} files, {size(total)}")
-
-    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - as `View`
         self._say(robot, text)
 
     def _say(self, robot: str, text: str) -> None:
-        with self._lock:
-            print(f"{robot}: {text}", file=self._stream, flush=True)
+        if self._stream is not None:
+            with self._lock:
+                print(f"{robot}: {text}", file=self._stream, flush=True)
 
 
 class _Bars(View):
     """A bar for each robot, in a terminal. It is removed at the end: the result is in words."""
 
     def __init__(self, stream: TextIO, robots: Iterable[str]) -> None:
+        super().__init__()
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=20),
@@ -159,9 +152,8 @@ def main(arguments: Sequence[str]) -> int:
     """Push; return the exit code."""
     options = flags().parse_args(arguments)
     fleet = fleets.read(options, sudo=not options.no_systemd)
-    shown = View()
-    if not options.json:
-        shown = _Bars(sys.stdout, fleet.robots) if sys.stdout.isatty() else _Plain(sys.stdout)
+    bars = sys.stdout.isatty() and not options.json
+    shown = _Bars(sys.stdout, fleet.robots) if bars else View(None if options.json else sys.stdout)
     with shown as view:
         results = fleets.on_all(fleet, lambda robot: _one(fleet, robot, options, view))
     failed = [name for name, result in results.items() if isinstance(result, RemoteError)]

@@ -174,7 +174,7 @@ def repack(distribution: importlib.metadata.Distribution, folder: Path) -> Path:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

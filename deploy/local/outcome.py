@@ -71,16 +71,17 @@ class Outcome:
         repeated by the agents. The leader's positions are summed over all that have led; their number is
         unknown if one of them was killed.
         """
-        recorded = _counts(self.monitor, "recorded")
+        recorded: Mapping[str, int] | None = self.monitor.get("recorded")
         if recorded is None:
             return None
         truths = {GROUND_TRUTH.key(name) for name in self.mission.followers}
         published: Counter[str] = Counter()
         for child in self.children:
-            published.update(_counts(child.summary, "published") or {})
-            if child.part == "body":
-                child_counts = _counts(_side(child), "published") or {}
-                published.update({key: count for key, count in child_counts.items() if key in truths})
+            summary = child.summary or {}
+            published.update(summary.get("published"))
+            if child.part == "body" and "robot" in summary:
+                of_robots = summary["robot"]["published"]
+                published.update({key: count for key, count in of_robots.items() if key in truths})
         if any(child.summary is None for child in self.replaced):
             published.pop(POSITION.key(self.mission.leader), None)
         return sum(count - recorded.get(key, 0) for key, count in published.items())
@@ -139,7 +140,7 @@ class Outcome:
     def _known(self) -> tuple[KnownVerdict, KnownError] | None:
         """Return the monitor's verdict on the known edges; None if all were known at the end, or none."""
         found = self.monitor.get("known")
-        if self.monitor.get("formation_error") is not None or not isinstance(found, Mapping):
+        if self.monitor.get("formation_error") is not None or found is None:
             return None
         verdict = KnownVerdict.of_json(found)
         return None if verdict.final is None or verdict.final.error is None else (verdict, verdict.final)
@@ -182,32 +183,20 @@ def how_it_ended(child: Child) -> str:
     return f"ended with exit code {code}"
 
 
-def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | None:
-    """Return counts from a process's summary; None if it has none."""
-    counts = (summary or {}).get(key)
-    if not isinstance(counts, Mapping):
-        return None
-    return {str(name): count for name, count in counts.items() if isinstance(count, int)}
-
-
-def _side(child: Child) -> Mapping[str, Any]:
-    """Return its counts between agent and robot; empty if it gave none."""
-    side = (child.summary or {}).get("robot")
-    return side if isinstance(side, Mapping) else {}
-
-
 def _total(summary: Mapping[str, Any] | None, key: str) -> int | None:
-    counts = _counts(summary, key)
+    """Return the sum of the counts in a process's summary; None if it has none."""
+    counts = (summary or {}).get(key)
     return None if counts is None else sum(counts.values())
 
 
 def _account(child: Child) -> dict[str, Any]:
+    summary = child.summary or {}
     return {
         "pid": child.pid,
         "exit": child.exit,
         "died": child.died,
-        "published": _total(child.summary, "published"),
-        "received": _total(child.summary, "received"),
-        "dropped": _total(child.summary, "dropped"),
-        "robot": {name: _total(_side(child), name) for name in ("published", "received")},
+        "published": _total(summary, "published"),
+        "received": _total(summary, "received"),
+        "dropped": _total(summary, "dropped"),
+        "robot": {name: _total(summary.get("robot"), name) for name in ("published", "received")},
     }

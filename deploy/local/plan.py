@@ -13,8 +13,6 @@ from formation.transport.wiring import Endpoints, Links
 
 Part = Literal["control", "watchdog", "body", "watch"]
 """Role of a process: agent or candidate, watchdog, simulated robots, monitor."""
-
-
 NO_LINKS = Links((), ())
 
 
@@ -45,12 +43,13 @@ def programs(
     page: Sequence[str] = (),
     world: Sequence[str] = (),
     patience: float = 30.0,
+    simulated: Sequence[str] = (),
 ) -> tuple[Program, ...]:
     """Return every process of `mission`, which each reads from `source`, in the order of starting.
 
     All end when the process `parent` dies; `watchdogs` adds one for each robot; `page` are the monitor's
-    flags for its page, `world` those of the simulated robots; `patience` [s] is how long they wait for the
-    monitor before publishing, so that the recording is complete.
+    flags for its page, `world` those of the simulated robots, all or those named in `simulated`; `patience`
+    [s] is how long they wait for the monitor before publishing, so that the recording is complete.
     """
 
     def program(name: str, part: Part, module: str, *flags: str, links: Links = NO_LINKS) -> Program:
@@ -82,10 +81,12 @@ def programs(
     wait = ("--await-monitor", f"{patience:g}")
     stage = [word for name, end in where.robots.items() for word in ("--stage", f"{name}={end}")]
     watch = ("--record", str(record), "--snapshots", *law_flag, *page, *stage)
-    robots = Links(tuple(where.robots.values()), wiring.of_robots(mission, mission.followers, where).connect)
+    only = [word for name in simulated for word in ("--robot", name)]
+    bodies = tuple(where.robots[name] for name in simulated or mission.followers)
+    robots = Links(bodies, wiring.of_robots(mission, mission.followers, where).connect)
     return (
         program("monitor", "watch", "formation.monitor", *watch, links=wiring.of_monitor(where)),
-        program("robots", "body", "formation.agent.simulated", *world, *wait, links=robots),
+        program("robots", "body", "formation.agent.simulated", *only, *world, *wait, links=robots),
         *map(leader, mission.candidates),
         *(watchdog(name) for name in mission.followers if watchdogs),
         *(agent(name) for name in mission.followers),

@@ -151,7 +151,7 @@ def _source(one: Opened, player: Player) -> Source:
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
     with refused(f"--page {options.page.host}:{options.page.port}"):
-        page = opened(options.page, source, replay=replay)
+        page = opened(options.page, source, steer=replay.steer)
     if options.page is None and f":{PORT}/" not in page.address:
         _say(options, f"port {PORT} is taken, so the page is at another")
     return page

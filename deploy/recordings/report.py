@@ -113,12 +113,11 @@ def _figures(options: argparse.Namespace, runs: Sequence[Run]) -> list[Path]:
     folder: Path = options.figures
     try:
         if len(runs) == 1:
-            return figures.write(folder, runs[0], view, options.format)
-        paths = figures.write_overlay(
-            folder, dict(zip(labels(runs), runs, strict=True)), view, options.format
-        )
+            return figures.write(folder, figures.of_run(runs[0], view), options.format)
+        both = figures.overlay(dict(zip(labels(runs), runs, strict=True)), view)
+        paths = figures.write(folder, {"overlay": both}, options.format)
         for letter, run in zip("ab", runs, strict=True):
-            paths += figures.write(folder / letter, run, view, options.format)
+            paths += figures.write(folder / letter, figures.of_run(run, view), options.format)
     except OSError as error:
         raise Refusal(f"--figures {folder}: {error.filename or folder}: {error.strerror}") from None
     return paths
@@ -128,7 +127,7 @@ def _words(runs: Sequence[Run], out: Path, drawn: Sequence[Path], folder: Path |
     lines = []
     for name, run in zip(labels(runs), runs, strict=True):
         lines.append(f"{name}: {verdict(run)}")
-        lines += [f"  {notice}" for notice in notices(run, cut=run.recording.is_cut())]
+        lines += [f"  {notice}" for notice in notices(run)]
     if len(runs) == 2 and differences(runs[0].mission, runs[1].mission):
         lines.append("  These are different missions; the page says where they differ.")
     lines.append(f"  page             {out}")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event
-from formation.monitor.metrics.settling import KnownError
+from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.settling import KnownError, KnownVerdict
 
 MAX_ERRORS = 7200
 """Number of values of the formation error in a picture: half an hour at four a second."""
@@ -44,14 +44,10 @@ class RobotNow(NamedTuple):
     known_error: float | None = None
     """Error summed over its known neighbours [m]: at most `error`."""
 
-
-class Known(NamedTuple):
-    """The formation error over the edges that are known."""
-
-    error: float = math.nan
-    """[m]; NaN if none is."""
-    words: str = ""
-    """Number of known edges, and why not all; empty if all are known, or none."""
+    @classmethod
+    def of(cls, robot: Mapping[str, Any]) -> RobotNow:
+        """Read one robot of a snapshot of the monitor."""
+        return cls(**{name: robot[name] for name in cls._fields[:-1]}, known_error=robot["known"][0])
 
 
 class Snapshot(NamedTuple):
@@ -68,29 +64,29 @@ class Snapshot(NamedTuple):
     """Robots that the leader waits for."""
     placed_shape: str = ""
     """Rotation and scale of the shape, and whether it is changing."""
-    partial: Known | None = None
-    """The error over the known edges, if not all are known."""
+    partial: KnownError | None = None
+    """The error over the known edges, if some are known but not all."""
     candidates: Mapping[str, str] = MappingProxyType({})
     """State of each candidate, by rank; empty if there are no standbys."""
 
     @property
-    def known(self) -> Known:
-        """The error over the known edges, all or some."""
-        return self.partial or Known(self.error)
+    def known_error(self) -> float:
+        """The error over the known edges, all or some [m]; NaN if there are none."""
+        return self.error if self.partial is None or self.partial.error is None else self.partial.error
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
-        """Read a snapshot event; a value that is missing or of another type is unknown."""
-        error, events = _number(event.get("formation_error")), event.get("events")
+        """Read a snapshot of the monitor, as `formation.monitor.metrics.words.as_json` gives it."""
+        error, known = event["formation_error"], KnownVerdict.of_json(event["known"]).final
         return cls(
             math.nan if error is None else error,
-            {name: _robot(robot) for name, robot in _tables(event.get("robots")).items()},
-            tuple(filter(None, map(_event, events))) if isinstance(events, list) else (),
-            _text(event.get("leads")) or None,
-            _text(event.get("waits")),
+            {name: RobotNow.of(robot) for name, robot in event["robots"].items()},
+            tuple(Event(**one) for one in event.get("events", ())),
+            event["leads"],
+            event["waits"],
             _placed_shape(event),
-            _partial(event),
-            {name: _text(one.get("state")) for name, one in _tables(event.get("candidates")).items()},
+            known if error is None and known is not None and known.error is not None else None,
+            {name: one["state"] for name, one in event["candidates"].items()},
         )
 
 
@@ -122,7 +118,7 @@ class Progress:
     @property
     def settled(self) -> bool:
         """Whether the error over the known edges is under the mission's bound now."""
-        return self.snapshot is not None and self.snapshot.known.error < self.mission.settled
+        return self.snapshot is not None and self.snapshot.known_error < self.mission.settled
 
     @property
     def left(self) -> float:
@@ -133,77 +129,21 @@ class Progress:
         """Take a snapshot of the monitor."""
         self.snapshot = snapshot
         self.events.extend(snapshot.events)
-        if math.isfinite(snapshot.known.error):
-            self.errors.append(snapshot.known.error)
+        if math.isfinite(snapshot.known_error):
+            self.errors.append(snapshot.known_error)
 
     def lose_sight(self) -> None:
         """Forget the current values after the monitor's end, so that old ones are not shown as current."""
         self.snapshot = Snapshot(math.nan, {})
 
 
-def _robot(robot: Mapping[str, Any]) -> RobotNow:
-    known = robot.get("known")
-    values = {name: READ_AS[type(usual)](robot.get(name)) for name, usual in RobotNow._field_defaults.items()}
-    values["known_error"] = _number(known[0]) if isinstance(known, list) and known else None
-    return RobotNow(**values)
-
-
-def _partial(event: Mapping[str, Any]) -> Known | None:
-    """Return the error over the known edges, if not all are known."""
-    part = event.get("known")
-    if _number(event.get("formation_error")) is not None or not isinstance(part, Mapping):
-        return None
-    error, some, every = (_number(part.get(name)) for name in ("error", "known_edges", "edges"))
-    if error is None or some is None or every is None:
-        return None
-    ages = {str(name): _number(age) for name, age in _table(part.get("silent")).items()}
-    return Known(error, KnownError(error, int(some), int(every), ages).words)
-
-
 def _placed_shape(event: Mapping[str, Any]) -> str:
     """Return the shape in words, unless it is as drawn: ``wedge turned by 30°, × 1.5, on its way``."""
-    rotation, scale = _number(event.get("rotation")), _number(event.get("scale"))
+    rotation, scale = event["rotation"], event["scale"]
     parts = [
         f"turned by {math.degrees(rotation):.3g}°" if rotation else "",
         f"{scale:.3g} times as large" if scale not in {None, 1.0} else "",
-        "on its way" if event.get("formed") is False else "",
+        "" if event["formed"] else "on its way",
     ]
     details = ", ".join(filter(None, parts))
-    return f"{_text(event.get('shape'))} {details}" if details else ""
-
-
-def _event(event: Any) -> Event | None:
-    """Return the event; None if it is invalid."""
-    event = _table(event)
-    at, level = _number(event.get("at")), _number(event.get("level"))
-    robot, text = event.get("robot"), event.get("text")
-    if at is None or level is None or not (isinstance(robot, str) and isinstance(text, str)):
-        return None
-    return Event(at, int(level), robot, _text(event.get("kind")), text)
-
-
-def _table(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _tables(value: Any) -> dict[str, Mapping[str, Any]]:
-    """Return a table of tables; what is none is left out."""
-    return {str(name): one for name, one in _table(value).items() if isinstance(one, Mapping)}
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return None
-    return float(value)
-
-
-READ_AS: Mapping[type, Callable[[Any], Any]] = {
-    str: _text,
-    type(None): _number,
-    bool: lambda value: value is True,
-}
-"""Readers of a robot's values, by the type of their default."""
+    return f"{event['shape']} {details}" if details else ""

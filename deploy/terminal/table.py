@@ -12,9 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from formation.deploy.terminal.snapshot import Known, Progress, RobotNow
+from formation.deploy.terminal.snapshot import Progress, RobotNow, Snapshot
 from formation.deploy.terminal.units import metres, seconds
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"
@@ -61,16 +61,17 @@ def happened(event: Event) -> str:
 
 def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
     """Return the table, at most `height` lines of `width` columns, with events below if there is room."""
-    if progress.snapshot is None:
+    snapshot = progress.snapshot
+    if snapshot is None:
         return Text(_beginning(progress))
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for title, least in COLUMNS.items():
         side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
         table.add_column(Text(title), justify=side, no_wrap=True, min_width=least)
-    footer = _footer(progress, width, ascii_only=ascii_only)
-    names, left_out = _chosen(progress, max(1, height - 3 - len(footer)))
+    footer = _footer(progress, snapshot, width, ascii_only=ascii_only)
+    names, left_out = _chosen(progress, snapshot, max(1, height - 3 - len(footer)))
     for name in names:
-        table.add_row(*_row(progress, name, width - OTHER_COLUMNS_WIDTH, ascii_only=ascii_only))
+        table.add_row(*_row(progress, snapshot, name, width - OTHER_COLUMNS_WIDTH, ascii_only=ascii_only))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
     room = height - 3 - len(names) - bool(left_out) - len(footer)
     return Group(
@@ -99,30 +100,28 @@ def _events(progress: Progress, width: int, room: int) -> list[Text]:
     return lines
 
 
-def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
+def _chosen(progress: Progress, snapshot: Snapshot, room: int) -> tuple[Sequence[str], str]:
     """Return the robots to show: all, or those with the largest errors, and a text about the others."""
     names = progress.mission.names
     if len(names) <= room:
         return names, ""
-    robots = progress.snapshot.robots if progress.snapshot else {}
 
     def trouble(name: str) -> float:
-        error = robots[name].error if name in robots else math.inf
+        error = snapshot.robots[name].error if name in snapshot.robots else math.inf
         return math.inf if name in progress.dead_robots or error is None else error
 
     worst = set(sorted(names[1:], key=trouble, reverse=True)[: room - 1])
     return [n for n in names if n in worst], f"and {len(names) - len(worst)} more, with smaller errors"
 
 
-def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[Text]:
-    robot = progress.snapshot.robots.get(name) if progress.snapshot else None
-    robot = robot or RobotNow()
-    led = name == progress.mission.leader and _called(progress) != LEADER  # another leads by now
-    state = "dead" if name in progress.dead_robots and not led else robot.state
+def _row(progress: Progress, snapshot: Snapshot, name: str, room: int, *, ascii_only: bool) -> list[Text]:
+    robot = snapshot.robots.get(name, RobotNow())
+    leads = name == progress.mission.leader
+    called = LEADER if snapshot.leads in {None, name} else snapshot.leads  # another may lead by now
+    state = "dead" if name in progress.dead_robots and not (leads and called != LEADER) else robot.state
     late = robot.age is not None and robot.age > LATE_POSITION_AGE
     limits = progress.mission.robots[name]
-    leads = name == progress.mission.leader
-    title = f"{name} ({_called(progress)})" if leads and name != LEADER else name
+    title = f"{name} ({called})" if leads and name != LEADER else name
     error = metres(robot.error)
     if robot.error is None and robot.known_error is not None:  # over some neighbours: a lower bound
         error = f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
@@ -135,12 +134,6 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
         Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
         Text(seconds(robot.age), style="yellow" if late else ""),
     ]
-
-
-def _called(progress: Progress) -> str:
-    """Return the leader's name, with the process that leads in its place."""
-    other = progress.snapshot.leads if progress.snapshot else None
-    return LEADER if other is None or other == progress.mission.leader else other
 
 
 def _state(state: str, robot: RobotNow) -> Text:
@@ -175,10 +168,8 @@ def _signed(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
-    snapshot = progress.snapshot
-    known = snapshot.known if snapshot else Known()
-    head = f"error {metres(known.error):>8} "
+def _footer(progress: Progress, snapshot: Snapshot, width: int, *, ascii_only: bool) -> list[Text]:
+    head = f"error {metres(snapshot.known_error):>8} "
     mark = f" settled (< {metres(progress.mission.settled)})" if progress.settled else ""
     room = max(8, width - len(head) - len(mark) - 1)
     first = Text(head)
@@ -186,21 +177,18 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     first.append(mark, style="bold green")
 
     lines = [first]
-    if known.words:
-        lines.append(Text(f"over {known.words}", style="yellow"))
-    lines += _leading(progress, ascii_only=ascii_only)
+    if snapshot.partial is not None:
+        lines.append(Text(f"over {snapshot.partial.words}", style="yellow"))
+    lines += _leading(progress, snapshot, ascii_only=ascii_only)
     if progress.duration is not None or progress.phase == "running":
         lines.append(_clock(progress, width, ascii_only=ascii_only))
     lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
     return lines
 
 
-def _leading(progress: Progress, *, ascii_only: bool) -> list[Text]:
+def _leading(progress: Progress, snapshot: Snapshot, *, ascii_only: bool) -> list[Text]:
     """Return the leader, candidates, awaited robots, the shape if not as drawn, and fallbacks in use."""
-    snapshot = progress.snapshot
     lines: list[Text] = []
-    if snapshot is None:
-        return lines
     if snapshot.candidates:
         text = Text()
         for name, state in snapshot.candidates.items():
@@ -212,12 +200,8 @@ def _leading(progress: Progress, *, ascii_only: bool) -> list[Text]:
     if snapshot.waits:
         lines.append(Text(f"the leader waits for {snapshot.waits}", style="yellow"))
     if snapshot.placed_shape:
-        lines.append(
-            Text(
-                snapshot.placed_shape.replace("°", " deg") if ascii_only else snapshot.placed_shape,
-                style="cyan",
-            )
-        )
+        shape = snapshot.placed_shape.replace("°", " deg") if ascii_only else snapshot.placed_shape
+        lines.append(Text(shape, style="cyan"))
     others = [f"{name} follows {one.fallback}" for name, one in snapshot.robots.items() if one.fallback]
     if others:
         lines.append(Text(f"in place of lost neighbours: {'; '.join(others)}", style="yellow"))

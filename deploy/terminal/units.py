@@ -6,7 +6,7 @@ import math
 
 
 def metres(value: float | None) -> str:
-    """A length: 1.23 m, 45 cm, 8 mm, 0.8 mm."""
+    """Return a length [m]: 1.23 m, 45 cm, 8 mm, 0.8 mm."""
     if value is None or not math.isfinite(value):
         return "-"
     size = abs(value)
@@ -20,7 +20,7 @@ def metres(value: float | None) -> str:
 
 
 def seconds(value: float | None) -> str:
-    """A time: 35 ms, 12 s."""
+    """Return a time [s]: 35 ms, 12 s."""
     if value is None or not math.isfinite(value):
         return "-"
     return f"{value * 1e3:.0f} ms" if value < 0.9995 else f"{value:.0f} s"

@@ -13,7 +13,7 @@ from rich.live import Live
 from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.table import draw, happened, states
 from formation.deploy.terminal.units import metres
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 
 LINE_PERIOD = 2.0
 """Time between two lines [s]."""
@@ -118,12 +118,13 @@ def line(progress: Progress) -> str:
     """Return the run so far in one line."""
     of = "" if progress.duration is None else f" of {progress.duration:g}"
     head = f"{progress.elapsed:5.1f}{of} s"
-    if progress.snapshot is None:
+    snapshot = progress.snapshot
+    if snapshot is None:
         note = progress.note.partition("\n")[0]
         return f"{head}  {note or 'no word from the monitor yet'}"
-    if not progress.snapshot.robots:
+    if not snapshot.robots:
         return f"{head}  nothing is known: there are no measurements any more"
-    counts = states(robot.state for robot in progress.snapshot.robots.values())
-    known = progress.snapshot.known
-    over = f" over {known.words}" if known.words else ""
-    return f"{head}  error {metres(known.error)}{over}{'  settled' if progress.settled else ''}  {counts}"
+    counts = states(robot.state for robot in snapshot.robots.values())
+    over = f" over {snapshot.partial.words}" if snapshot.partial else ""
+    settled = "  settled" if progress.settled else ""
+    return f"{head}  error {metres(snapshot.known_error)}{over}{settled}  {counts}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from formation.mission.file import load, parse
@@ -22,9 +21,7 @@ class DrivenFleet(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def run_until_settled(self, within: float = 60.0) -> float:
@@ -46,11 +43,11 @@ class DrivenFleet(ABC):
 
     @abstractmethod
     def error(self) -> float:
-        """Formation error, summed over all edges [m]; NaN if unknown."""
+        """Return the formation error, summed over all edges [m]; NaN if unknown."""
 
     @abstractmethod
     def state(self, robot: str) -> str:
-        """State of a follower's agent, such as ``run`` or ``hold``."""
+        """Return the state of a follower's agent, such as ``run`` or ``hold``."""
 
     @abstractmethod
     def close(self) -> None:

@@ -19,7 +19,7 @@ from formation.deploy.local.ports import Ports
 from formation.deploy.terminal.snapshot import RobotNow, Snapshot
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.deploy.testing.relays import HOST, Relays
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.protocol.outcome import Outcome
 from formation.stability import intent
 from formation.transport import asking, wiring
@@ -67,8 +67,7 @@ class ProcessFleet(DrivenFleet):
             if name not in self.mission.followers:
                 raise ValueError(f"drivers: {name}: must be one of {', '.join(self.mission.followers)}")
         self._held, self._closed = ExitStack(), False
-        self._killed: set[str] = set()  # names of processes
-        self._frozen: set[str] = set()
+        self._frozen: set[str] = set()  # names of processes
         self._cuts: set[tuple[str, str]] = set()
         try:
             self.folder = folder or Path(self._held.enter_context(tempfile.TemporaryDirectory()))
@@ -91,6 +90,7 @@ class ProcessFleet(DrivenFleet):
                     page=("--no-page",),
                     world=[word for fault in faults for word in ("--fault", fault)],
                     patience=START_TIMEOUT_SECONDS,
+                    simulated=[name for name in self.mission.followers if drivers and name not in drivers],
                 )
             }
             self._drive(drivers, ports.endpoints.robots)
@@ -119,23 +119,21 @@ class ProcessFleet(DrivenFleet):
             self._look(min(left, PAUSE))
 
     def error(self) -> float:
-        """Formation error, summed over all edges [m]; NaN while a position is missing."""
+        """Return the formation error, summed over all edges [m]; NaN while a position is missing."""
         return self.snapshot.error
 
     def state(self, robot: str) -> str:
-        """State of a follower's agent, such as ``run`` or ``hold``; empty if it is unknown."""
+        """Return the state of a follower's agent, such as ``run`` or ``hold``; empty if it is unknown."""
         return self.snapshot.robots.get(robot, RobotNow()).state
 
     def kill(self, name: str) -> None:
         """Kill the agent of a follower, or a candidate, with SIGKILL."""
-        self._killed.add(self._process(name))
         self._child(name).kill()
 
     def start(self, name: str) -> None:
         """Start it again, and wait until it is ready."""
         process = self._process(name)
         self._launcher.start(self._programs[process])
-        self._killed.discard(process)
         self._frozen.discard(process)
         self._wait_until_ready()
 
@@ -203,15 +201,8 @@ class ProcessFleet(DrivenFleet):
 
     def _drive(self, drivers: Mapping[str, Sequence[str]], robots: Mapping[str, str]) -> None:
         """Start `drivers` in place of simulated robots."""
-        if not drivers:
-            return
-        simulated = [name for name in self.mission.followers if name not in drivers]
-        whole = self._programs.pop("robots")
-        theirs = [word for name in drivers for word in ("-l", robots[name])]
-        words = _without(whole.argv, theirs)
-        if simulated:
-            chosen = [word for name in simulated for word in ("--robot", name)]
-            self._programs["robots"] = whole._replace(argv=(*words, *chosen))
+        if drivers.keys() == set(self.mission.followers):
+            del self._programs["robots"]
         for name, command in drivers.items():
             argv = tuple(word.format(endpoint=robots[name]) for word in command)
             self._programs[f"driver {name}"] = Program(f"driver {name}", "body", argv, (name,))
@@ -264,20 +255,6 @@ class ProcessFleet(DrivenFleet):
 
     def _newest(self, process: str) -> Child:
         return next(one for one in reversed(self._launcher.children) if one.name == process)
-
-
-def _without(argv: Sequence[str], words: Sequence[str]) -> list[str]:
-    """Return `argv` without the pairs of a flag and a value in `words`."""
-    pairs = set(zip(words[::2], words[1::2], strict=True))
-    kept, skip = [], False
-    for word, following in zip(argv, (*argv[1:], ""), strict=True):
-        if skip:
-            skip = False
-        elif (word, following) in pairs:
-            skip = True
-        else:
-            kept.append(word)
-    return kept
 
 
 def _last(child: Child) -> str:

@@ -101,27 +101,27 @@ class RehearsedFleet(DrivenFleet):
                 raise BrokenRuleError(self._judge.violations[before], self.seed)
 
     def error(self) -> float:
-        """True formation error, summed over all edges, in the shape that is ordered [m]."""
+        """Return the true formation error, summed over all edges, in the shape that is ordered [m]."""
         return self._fleet.error()
 
     def position(self, robot: str) -> complex:
-        """True centre of a follower [m; world frame]."""
+        """Return the true centre of a follower [m; world frame]."""
         return next(place for name, place, _ in self._fleet.discs() if name == robot)
 
     def nearest(self) -> float:
-        """Least distance between two bodies so far [m]; infinite for one robot."""
+        """Return the least distance between two bodies so far [m]; infinite for one robot."""
         return self._judge.nearest
 
     def state(self, robot: str) -> str:
-        """State of a follower's agent, such as ``run`` or ``hold``."""
+        """Return the state of a follower's agent, such as ``run`` or ``hold``."""
         return self._fleet.agents[robot][0].decision.state.value
 
     def reason(self, robot: str) -> str:
-        """Why a follower's agent is in its state, in words."""
+        """Return why a follower's agent is in its state, in words."""
         return str(self._fleet.agents[robot][0].decision.reason)
 
     def command(self, robot: str) -> Command:
-        """Newest command to a follower: forward speed [m/s] and turn rate [rad/s]."""
+        """Return the newest command to a follower: forward speed [m/s] and turn rate [rad/s]."""
         return self._commands.get(robot, AT_REST)
 
     def kill(self, name: str) -> None:

@@ -13,8 +13,6 @@ MAX_STAMP = 2.0**31 - 2.0
 """Largest stamp of an event [s], however an operator's clock is set."""
 MAX_TEXT_CHARS = 500
 """Longest text of an event [characters]."""
-
-
 BURST_CHANGES, REST_TIME = 6, 10.0
 """Number of changes reported at once, then the time per reported change [s]."""
 

@@ -11,19 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import (
-    ERROR,
-    FORMATION,
-    INFO,
-    MAX_STAMP,
-    MAX_TEXT_CHARS,
-    WARNING,
-    Event,
-    Pace,
-    Turns,
-    from_message,
-    to_message,
-)
+from formation.monitor.metrics.event import ERROR, INFO, WARNING, Event, Pace, Turns
 from formation.monitor.metrics.feed import freshness_limit
 from formation.monitor.metrics.orders import Lead, Wish
 from formation.monitor.metrics.snapshot import (
@@ -37,10 +25,6 @@ from formation.monitor.metrics.snapshot import (
 from formation.monitor.metrics.statuses import LEADS, SILENT
 from formation.wire import Now
 
-__all__ = [
-    "ERROR", "FORMATION", "INFO", "LOST_SILENCE", "MAX_REJECTION_KINDS", "MAX_STAMP", "MAX_TEXT_CHARS",
-    "REJECTION_PERIOD", "STATES", "WARNING", "Event", "Events", "from_message", "to_message",
-]  # fmt: skip
 LOST_SILENCE = 1.0
 """A robot is lost when its position is silent for longer [s]; one with a low rate has its own limit."""
 UNSETTLED_TIME = 1.0
@@ -194,7 +178,7 @@ class _Robot:
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
     def _sight(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
-        """Whether a robot that must see its neighbours does, and how far odometry alone would be off."""
+        """Yield events about sight of its neighbours, and about odometry that scans have corrected."""
         if (more := self._sees.report(robot.sight, now.mono)) is not None and robot.sight:
             text = SIGHT.get(robot.sight) or "sees its neighbours: " + ", ".join(
                 f"{name} to {deviation * 1e3:.0f} mm" for name, deviation in robot.seen.items()

@@ -28,6 +28,11 @@ def clock_agrees(offset: float) -> bool:
     return CLOCK_AGREES[0] <= offset <= CLOCK_AGREES[1]
 
 
+def finite(value: float) -> float | None:
+    """Return the value; None for NaN and infinity, which mean unknown."""
+    return value if math.isfinite(value) else None
+
+
 class Feed:
     """Metrics of one key. Times of arrival are on this process's clocks: monotonic and system [s]."""
 

@@ -84,7 +84,7 @@ def _keys(mission: Mission) -> Iterator[Watched]:
 
 
 def _published(topic: Topic, robot: RobotSpec) -> bool:
-    """Whether a robot's localisation publishes a topic; any other topic is."""
+    """Return whether a topic is published; one of localisation only by a robot that uses it."""
     if topic is POSE:
         return robot.localisation == "external"
     return topic not in {AMCL_POSE, TF} or robot.odometry_frame == "map"

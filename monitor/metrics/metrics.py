@@ -10,19 +10,20 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.feed import freshness_limit
+from formation.monitor.metrics.feed import finite, freshness_limit
 from formation.monitor.metrics.keys import Watched, watched
-from formation.monitor.metrics.orders import Lead, Orders, Wish
-from formation.monitor.metrics.received import Received, ReceivedOfRobot, Tracked
+from formation.monitor.metrics.orders import Orders, Wish
+from formation.monitor.metrics.received import Received, ReceivedOfRobot
 from formation.monitor.metrics.settling import KnownError, KnownSettling, Settling
 from formation.monitor.metrics.snapshot import Edge, Snapshot
 from formation.monitor.metrics.statuses import Requests
 from formation.monitor.metrics.trajectory import Placed
 from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol.order import PositionAttachment
 from formation.protocol.status import LeaderStatus
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
@@ -78,8 +79,10 @@ class Metrics:
             for one in (*self._robots.values(), *self._standbys)
             for key, feed, handle in one.routes()
         }
-        self._orders = Orders(mission, self._leader.place.trajectory.size)
-        self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
+        self.orders = Orders(mission, self._leader.place.trajectory.size)
+        """The leader's orders."""
+        for name, robot in self._robots.items():
+            self._routes[POSITION.key(name)] = robot.place.feed, partial(self._place, robot)
         self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
         self._known = KnownSettling(mission.settled, slowest)
@@ -92,15 +95,13 @@ class Metrics:
             return
         ahead = wall - sample.arrived
         if abs(ahead - self._ahead) > MAX_CLOCK_JUMP:
-            self._orders.forget()
+            self.orders.forget()
             for one in (*self._robots.values(), *self._standbys):
                 one.clock_was_set()
         self._ahead = ahead
         feed.received(sample.arrived)
         try:
-            if sample.key in self._positions:
-                self._place(self._positions[sample.key], sample, wall)
-            elif handle is not None:
+            if handle is not None:
                 handle(sample, wall)
         except BadMessage as bad:
             self.rejections.count(sample.key, str(bad))
@@ -114,8 +115,8 @@ class Metrics:
         Call it steadily: settling is judged only by what it sees. With `known_only` it judges the known edges
         alone, for use while it cannot judge all of them.
         """
-        moment, errors = self._compare(now, lambda robot: robot.place)
-        error, formed = _sum(errors.values()), moment >= self._orders.formed_since
+        moment, errors = self._compare(now)
+        error, formed = _sum(errors.values()), moment >= self.orders.formed_since
         at, last = moment + now.mono - now.wall, self._settling.last  # settling runs on the monotonic clock
         if error is not None and not known_only and (last is None or at > last):
             self._settling.observe(at, error, formed=formed)
@@ -124,9 +125,9 @@ class Metrics:
 
     def snapshot(self, now: Now) -> Snapshot:
         """Return everything known now, without changing anything."""
-        errors = self._compare(now, lambda robot: robot.place)[1]
+        errors = self._compare(now)[1]
         start, until = self._settling.start, max(one.place.feed.accepted for one in self._robots.values())
-        lead = self._orders.lead
+        ordered, lead = self.orders.newest, self.orders.lead
         leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
         says = self._candidates[leads].state(now) if leads else None
         newest = self._candidates[leads].newest(now) if leads else None
@@ -138,12 +139,12 @@ class Metrics:
             formation_error=_sum(errors.values()),
             known=self._sum_known(errors, now),
             known_verdict=self._known.verdict(until, start),
-            formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
+            formation_error_true=_sum(self._compare(now, truly=True)[1].values()),
             settled_at=self._settling.settled_at(until),
             converged=self._settling.converged(until),
             final_error=self._settling.final(until),
-            mode=self.order.mode if self.order else None,
-            shape=self.order.shape if self.order else self._mission.first_shape,
+            mode=ordered.mode if ordered else None,
+            shape=ordered.shape if ordered else self._mission.first_shape,
             robots={
                 name: robot.metrics(
                     now, KnownError.of(own.get(name, ())), says if robot is self._leader else None
@@ -155,11 +156,11 @@ class Metrics:
             rejected=dict(self.rejections.by_reason),
             contested=frozenset(name for robot in self._robots.values() for name in robot.contested(now)),
             forgers=frozenset(name for robot in self._robots.values() for name in robot.forgers(now)),
-            wish=Wish.of(self.order) if self.order else None,
+            wish=Wish.of(ordered) if ordered else None,
             wished_at=self._settling.wished_at,
-            placed_shape=self._orders.placed_shape,
-            formed=self._orders.formed,
-            tuned=self.order.tuned if self.order else None,
+            placed_shape=self.orders.placed_shape,
+            formed=self.orders.formed,
+            tuned=ordered.tuned if ordered else None,
             lead=lead,
             leads=leads,
             waits=", ".join(newest.waits_for) if isinstance(newest, LeaderStatus) else "",
@@ -170,26 +171,16 @@ class Metrics:
             },
         )
 
-    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
+    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, dict[str, Placed]]:
         """Return the moment of comparison [s, our system clock], and the known places of robots at it.
 
         From the robots' own positions, or `truly`: from ground truth. Changes nothing.
         """
-        return self._placed(now, lambda robot: robot.truth if truly else robot.place)
-
-    def slots(self, moment: float) -> Mapping[str, complex]:
-        """Return all slots at `moment` [s, our system clock], relative to the leader [m; world frame]."""
-        return self._orders.slots(moment)
-
-    @property
-    def order(self) -> Order | None:
-        """The leader's newest order."""
-        return self._orders.newest
-
-    @property
-    def lead(self) -> Lead | None:
-        """The last leader."""
-        return self._orders.lead
+        tracked = {name: robot.truth if truly else robot.place for name, robot in self._robots.items()}
+        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
+        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
+        return moment, {name: place for name, place in places.items() if place is not None}
 
     def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
         """Take in a position and its attachment. Raises BadMessage."""
@@ -201,20 +192,20 @@ class Metrics:
         newest_order = None
         if sample.attachment is not None:
             newest_order = order.decode(PositionAttachment, sample.attachment).order
-        if newest_order is not None and self._orders.admit(newest_order, sample.arrived, wall):
+        if newest_order is not None and self.orders.admit(newest_order, sample.arrived, wall):
             robot.clock_was_set()  # another process publishes, perhaps on another machine
         robot.place_it(sample, wall)
         if newest_order is None:
             return
         moment = robot.place.trajectory.latest
-        if self._orders.process_order(newest_order, moment, sample.arrived, wall):
+        if self.orders.process_order(newest_order, moment, sample.arrived, wall):
             self._settling.restart(moment - self._ahead)
             self._known.restart(moment - self._ahead)
 
-    def _compare(self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]) -> tuple[float, Errors]:
+    def _compare(self, now: Now, *, truly: bool = False) -> tuple[float, Errors]:
         """Return the moment of comparison [s, our system clock], and each edge's |z_ij - z*_ij| [m]."""
-        moment, placed = self._placed(now, which)
-        slots = self._orders.slots(moment)
+        moment, placed = self.placed(now, truly=truly)
+        slots = self.orders.slots(moment)
 
         def error(edge: Edge) -> float | None:
             here, there = placed.get(edge.robot), placed.get(edge.neighbour)
@@ -226,22 +217,13 @@ class Metrics:
 
     def _sum_known(self, errors: Errors, now: Now) -> KnownError:
         """Return the known error by the robots' own positions, and the silent robots."""
-        placed = self._placed(now, lambda robot: robot.place)[1]
+        placed = self.placed(now)[1]
         silent = {
-            name: None if (age := robot.place.feed.silence(now.mono)) == math.inf else age
+            name: finite(robot.place.feed.silence(now.mono))
             for name, robot in self._robots.items()
             if name not in placed
         }
         return KnownError.of(errors.values(), silent)
-
-    def _placed(
-        self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]
-    ) -> tuple[float, dict[str, Placed]]:
-        tracked = {name: which(robot) for name, robot in self._robots.items()}
-        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
-        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
-        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
-        return moment, {name: place for name, place in places.items() if place is not None}
 
 
 def _sum(values: Iterable[float | None]) -> float | None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from formation.control.zones import Zone
 from formation.mission.model import Mission
-from formation.monitor.metrics.feed import CLOCK_AGREES, Feed
+from formation.monitor.metrics.feed import CLOCK_AGREES, Feed, finite
 from formation.monitor.metrics.keys import Watched
 from formation.monitor.metrics.settling import KnownError
 from formation.monitor.metrics.snapshot import KeyMetrics, RobotMetrics
@@ -27,8 +27,6 @@ UNAVAILABLE = b'"unavailable":true'
 """As `formation.protocol.order.encode` writes it; left out if false."""
 MAX_PUBLISHER_IDS = 16
 """Number of publisher ids that are remembered."""
-
-
 MAX_STAMP_LEAD = 0.1
 """Largest lead of a sample's stamp on its arrival [s]; one further ahead would outrank all that follow."""
 ZONES = {Zone.SLOW: "slowed", Zone.STOP: "blocked"}
@@ -136,13 +134,13 @@ class ReceivedOfRobot(Received):
             one.trajectory.forget()
 
     def missed(self) -> int:
-        """Missed periods, summed over all keys."""
+        """Return the missed periods, summed over all keys."""
         return sum(feed.missed for feed in self._feeds.values())
 
-    def metrics(self, now: Now, error: KnownError, state: tuple[str, str] | None = None) -> RobotMetrics:
+    def metrics(self, now: Now, error: KnownError, state: tuple[str, str] | None) -> RobotMetrics:
         """Return the robot's metrics now; `error` is over its own edges.
 
-        `state` (with reason) is by default from its own status.
+        `state` (with reason) is from its own status if None.
         """
         does, reason = state or self.statuses.state(now)
         status = self._agent(now)
@@ -158,11 +156,11 @@ class ReceivedOfRobot(Received):
             turn_rate=turn_rate,
             speed_share=None if speed is None else abs(speed) / self._spec.max_speed,
             turn_share=None if turn_rate is None else abs(turn_rate) / self._spec.max_turn_rate,
-            age=_finite(self.place.feed.silence(now.mono)),
+            age=finite(self.place.feed.silence(now.mono)),
             heading_error=self._heading_error(now),
             rate=self.place.feed.rate(now.mono),
             keys={one.key: _metrics(self._feeds[one.key], now) for one in self._keys},
-            rejected_age=_finite(now.mono - max(feed.rejected for feed in self._feeds.values())),
+            rejected_age=finite(now.mono - max(feed.rejected for feed in self._feeds.values())),
             unavailable=self.attachments.unavailable,
             reason_code="" if status is None else str(status.reason.code),
             readonly=status is not None and status.readonly,
@@ -206,7 +204,6 @@ class ReceivedOfRobot(Received):
     def _handlers(self, feed: Feed) -> dict[str, Handler]:
         return {
             **super()._handlers(feed),
-            POSITION.name: self.place_it,
             GROUND_TRUTH.name: _placing(self.truth, self._offset),
             CMD_VEL.name: self._commanding(feed),
             **{topic.name: _stamping(feed, kind) for topic, kind in STAMPED.items()},
@@ -251,7 +248,7 @@ def _stamping(feed: Feed, kind: type[Odometry | Pose | Displacement]) -> Handler
 
 def _metrics(feed: Feed, now: Now) -> KeyMetrics:
     return KeyMetrics(
-        feed.count, feed.rate(now.mono), _finite(feed.silence(now.mono)), feed.missed, feed.clock, feed.loss
+        feed.count, feed.rate(now.mono), finite(feed.silence(now.mono)), feed.missed, feed.clock, feed.loss
     )
 
 
@@ -259,7 +256,3 @@ def _avoiding(status: AgentStatus) -> str:
     """Return the strongest limit on its law's command: a key of `snapshot.AVOIDING`, or empty."""
     avoids = "avoids" if status.avoiding and status.collisions is CollisionMode.ON else ""
     return avoids if status.zone is None else ZONES.get(status.zone, avoids)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -140,9 +140,8 @@ class KnownVerdict(NamedTuple):
     @classmethod
     def of_json(cls, data: Mapping[str, Any]) -> Self:
         """Return the verdict that `as_json` gave."""
-        silent = data.get("silent") or {}
-        final = KnownError(data.get("error"), data.get("known_edges", 0), data.get("edges", 0), silent)
-        return cls(data.get("settled_at"), data.get("converged") is True, final)
+        final = KnownError(data["error"], data["known_edges"], data["edges"], data["silent"])
+        return cls(data["settled_at"], data["converged"], final)
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs, under the name ``known``."""

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable
 
-from formation.monitor.metrics.feed import Feed
+from formation.monitor.metrics.feed import Feed, finite
 from formation.monitor.metrics.snapshot import CandidateMetrics, ReportedRequest
 from formation.protocol import status_codec
 from formation.protocol.outcome import called
@@ -82,5 +81,4 @@ class Statuses:
     def candidate(self, now: Now, *, leads: bool) -> CandidateMetrics:
         """Return the metrics of a candidate."""
         state, reason = self.state(now)
-        silence = self._feed.silence(now.mono)
-        return CandidateMetrics(LEADS if leads else state, reason, silence if silence < math.inf else None)
+        return CandidateMetrics(LEADS if leads else state, reason, finite(self._feed.silence(now.mono)))

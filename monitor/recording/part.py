@@ -118,12 +118,12 @@ class Entry(NamedTuple):
     lengths: Mapping[int, int]
     """Lengths of the message indexes that follow it, by channel in their order [bytes]."""
 
-    def record(self, head: int) -> bytes:
-        """Return a ChunkIndex; `head`: bytes of the chunk's record besides codec and compressed data."""
+    def record(self) -> bytes:
+        """Return a ChunkIndex."""
         channels, lengths = array("H", self.lengths), np.fromiter(self.lengths.values(), np.uint64)
         places = np.empty(len(channels), _PLACE)
         places["channel"], places["at"] = channels, self.offset + self.length + lengths.cumsum() - lengths
-        codec, compressed = self.codec.encode(), self.length - head - len(self.codec)
+        codec, compressed = self.codec.encode(), self.length - CHUNK_HEAD_BYTES - len(self.codec)
         return b"".join((
             _FRONT.pack(
                 Opcode.CHUNK_INDEX, _FIXED_BYTES - 9 + places.nbytes + len(codec), *self[:4], places.nbytes
@@ -140,11 +140,9 @@ class Index:
     each chunk's message indexes, which hardly change from one to the next and compress well.
     """
 
-    def __init__(self, head: int) -> None:
-        """`head` as in `Entry.record`."""
+    def __init__(self) -> None:
         self.count, self.size = 0, 0
         """Number of chunks, and length of `records()` [bytes]."""
-        self._head = head
         self._packed: list[bytes] = []
         self._newest = bytearray()
 
@@ -162,7 +160,7 @@ class Index:
 
     def records(self) -> bytes:
         """Return the chunk records of the file's summary."""
-        return b"".join(entry.record(self._head) for entry in self._entries())
+        return b"".join(entry.record() for entry in self._entries())
 
     def _entries(self) -> Iterator[Entry]:
         for block in (*map(zlib.decompress, self._packed), bytes(self._newest)):
@@ -191,7 +189,7 @@ class Part:
         """Log times of the first and the last message [ns]."""
         self._channels, self._declared = channels, 0
         self._forcing = threading.Lock()
-        self._index = Index(CHUNK_HEAD_BYTES)
+        self._index = Index()
         self._known, self._kinds_size = 0, 0
         fresh = _make_folder(path.parent)
         self._file = path.open("xb", buffering=0)

@@ -61,8 +61,6 @@ class Recorded(NamedTuple):
     """Its `arrived` is on the recorder's system clock, as `wall`."""
     wall: float
     """When it arrived [s, system clock of the recorder]."""
-    ns: int
-    """When it arrived [ns]."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Recording:
                 yield from _messages(file, since)
 
     def is_cut(self) -> bool:
-        """Whether the end of a part is missing: its recorder was killed or is still running."""
+        """Return whether the end of a part is missing: its recorder was killed or is still running."""
         return not all(map(is_whole, self.parts))
 
     def extent(self) -> Extent:
@@ -200,7 +198,7 @@ def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
             elif key:
                 wall = message.logged / 1e9
                 sample = Sample(key, message.data, attachments.pop(key, None), wall)
-                yield Recorded(sample, wall, message.logged)
+                yield Recorded(sample, wall)
 
 
 def _indexed(file: IO[bytes]) -> tuple[dict[int, str], Statistics | None]:

@@ -18,8 +18,6 @@ from formation.wire import Sample
 
 Advertise = Callable[[Topic, str], None]
 Publish = Callable[[str, bytes, bytes | None], None]
-
-
 DEFAULT = "replay"
 _WORDS = re.compile(r"[^\s/*$?#@]+(/[^\s/*$?#@]+)*")
 

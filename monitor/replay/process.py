@@ -18,11 +18,11 @@ from typing import Any
 
 from formation.mission.model import Mission
 from formation.monitor.core import after
-from formation.monitor.metrics.events import Event, from_message
+from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.reader import Recorded, Rerun
 from formation.monitor.replay.echo import Echo
-from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
+from formation.monitor.replay.player import Player
 from formation.monitor.web import frames
 from formation.monitor.web.source import HISTORY_RATE, HISTORY_VALUES, MAX_EVENTS, Source
 from formation.ros2.messages import LogEntry, Number, decode
@@ -158,10 +158,6 @@ class Replay:
 
         Raises ValueError for an invalid request.
         """
-        if do in {"seek", "speed"} and to is None:
-            raise ValueError(f"{do}: where to? `to` must be a number")
-        if do == "speed" and not MIN_SPEED <= (to or 0.0) <= MAX_SPEED:
-            raise ValueError(f"speed {to:g}: must be from {MIN_SPEED:g} to {MAX_SPEED:g}")
         done: Future[dict[str, Any]] = Future()
         self._orders.put((do, to, done))
         with suppress(TimeoutError):
@@ -175,12 +171,12 @@ class Replay:
             player.pause()
         elif do == "play":
             player.play(mono)
+        elif to is None:
+            raise ValueError(f"{do}: where to? `to` must be a number")
         elif do == "seek":
-            player.seek(player.start if to is None else to)
-        elif do == "speed":
-            player.set_speed(mono, 1.0 if to is None else to)
+            player.seek(to)
         else:
-            raise ValueError(f"do {do!r}: must be one of pause, play, seek, speed")
+            player.set_speed(mono, to)
 
     def turn(self) -> float:
         """Do requests, take due messages, show them; return how long the next turn can wait [s].
@@ -230,7 +226,7 @@ class Replay:
                 return
 
     def _bridge(self, source: Source) -> None:
-        """While seeking, show the last frame and the goal to pages opened meanwhile."""
+        """Show the last frame and the goal, while seeking, to pages opened meanwhile."""
         last = source.look
         if last is not None and source.wanted and self._frames.tick(time.monotonic()):
             source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)

@@ -54,8 +54,6 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
 }
-
-
 WIDTH, HEIGHT = 7.1, 8.8
 """Size of a page with two columns [inches]; letters are 8 pt on it."""
 SNAPSHOTS = 5
@@ -340,11 +338,11 @@ def xy(point: complex) -> tuple[float, float]:
     return float(point.real), float(point.imag)
 
 
-def draw(history: History, path: Path | str, until: float | None = None) -> None:
+def draw(history: History, path: Path | str) -> None:
     """Write the panels of the paper's Fig. 2 of a simulation, in the format of `path`'s suffix.
 
-    `until` [s] is the last moment shown; by default until the formation has formed. Raises
-    ModuleNotFoundError without matplotlib, OSError if the file cannot be written.
+    They end when the formation has formed. Raises ModuleNotFoundError without matplotlib, OSError if the file
+    cannot be written.
     """
     try:
         import matplotlib as mpl  # noqa: PLC0415 - only needed for drawing
@@ -352,7 +350,7 @@ def draw(history: History, path: Path | str, until: float | None = None) -> None
     except ModuleNotFoundError as missing:
         text = f"a figure {needs('matplotlib')}"
         raise ModuleNotFoundError(text, name=missing.name) from None
-    last = span(history.time, history.error) if until is None else until
+    last = span(history.time, history.error)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
         _panels(figure, history, history.time <= last + 1e-9)

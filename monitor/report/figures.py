@@ -33,7 +33,7 @@ CHANGED = "#D55E00"
 
 @contextmanager
 def _style() -> Iterator[None]:
-    import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
+    import matplotlib as mpl  # noqa: PLC0415 - needed only for drawing
 
     with mpl.rc_context(STYLE):
         yield
@@ -99,7 +99,7 @@ def _marks(run: Run) -> Iterator[tuple[float, str, str, bool]]:
     for one in run.leader_terms[1 : MAX_MARKS + 1]:
         yield one.received.begin - run.start, f"{one.name} leads", CHANGED, True
     before: Ordered | None = None
-    for order in run.orders[:MAX_MARKS]:
+    for order in run.story.orders[:MAX_MARKS]:
         if text := _change(before, order):
             yield order.at - run.start, text, FAINT, False
         before = order
@@ -143,21 +143,15 @@ def written(figure: Figure, suffix: str) -> bytes:
     return file.getvalue()
 
 
-def write(folder: Path, run: Run, view: View, formats: Sequence[str]) -> list[Path]:
-    """Write every figure of one run into `folder`, which is made; return their paths. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
+def of_run(run: Run, view: View) -> dict[str, Figure]:
+    """Return every figure of one run, by name."""
     figures = {"fig2": fig2(run, view), "fig3": fig3(run, view), "whole": whole(run)}
-    figures |= {which.name: panel(run, view, which) for which in PANELS}
-    return _save(folder, figures, formats)
+    return figures | {which.name: panel(run, view, which) for which in PANELS}
 
 
-def write_overlay(folder: Path, runs: Mapping[str, Run], view: View, formats: Sequence[str]) -> list[Path]:
-    """Write the comparison of several runs into `folder`, which is made; return the paths. Raises OSError."""
+def write(folder: Path, figures: Mapping[str, Figure], formats: Sequence[str]) -> list[Path]:
+    """Write figures by name into `folder`, which is made; return their paths. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    return _save(folder, {"overlay": overlay(runs, view)}, formats)
-
-
-def _save(folder: Path, figures: Mapping[str, Figure], formats: Sequence[str]) -> list[Path]:
     paths = []
     for name, figure in figures.items():
         for suffix in formats:
@@ -167,7 +161,7 @@ def _save(folder: Path, figures: Mapping[str, Figure], formats: Sequence[str]) -
 
 
 def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure  # noqa: PLC0415 - only who draws needs it
+    from matplotlib.figure import Figure  # noqa: PLC0415 - needed only for drawing
 
     return Figure(figsize=(width, height), layout="constrained")
 

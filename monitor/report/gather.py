@@ -17,18 +17,16 @@ import numpy as np
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event
 from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
 from formation.monitor.recording.reader import Recorded, Recording, Rerun
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
-from formation.monitor.report.story import Doing, Doings, Ordered, Story
+from formation.monitor.report.story import Doing, Doings, Story
 from formation.monitor.report.thin import (
     MAX_LINE_GAP,
     Commands,
     Curves,
     Extremes,
-    Judge,
     Measured,
     Robot,
     Samples,
@@ -88,16 +86,11 @@ class Run:
     """Arrival less stamp, by topic [s]."""
     answers: Mapping[str, Late]
     """Odometry to command, by follower [s]."""
-    events: tuple[Event, ...]
-    unlisted: int
-    """Number of events beyond the limit."""
-    orders: tuple[Ordered, ...]
+    story: Story
+    """Events and orders."""
     leader_terms: tuple[LeaderTerm, ...]
-    """The leader terms."""
     doings: Mapping[str, Doing]
     """Followers' times by activity."""
-    apart: float
-    """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
     @property
     def mission(self) -> Mission:
@@ -141,8 +134,8 @@ class _Gatherer:
         count = len(mission.followers)
         self._paths = Samples(2 * (count + 1))
         self._formation, self._errors, self._headings = Extremes(2), Extremes(count), Extremes(count)
-        self._judge, self._true_judge = Judge(), Judge()
-        self._judges = {name: (Judge(), Judge()) for name in mission.followers}  # of error and heading
+        self._error, self._true_error = Measured(), Measured()
+        self._robots = {name: (Measured(), Measured()) for name in mission.followers}  # error and heading
         self._offsets = np.array(
             [0.0, *(mission.robots[name].control_point_offset for name in mission.followers)]
         )
@@ -167,9 +160,8 @@ class _Gatherer:
             self._late.process_message(key, payload, wall)
             if key in self._commands:
                 self._commands[key].process_command(payload, wall)
-        self._story.process_message(key, payload)
+        self._story.process_message(key, payload, self._now_settled)
         self._leader_terms.process_sample(message.sample, wall)
-        self._story.check(key, payload, self._now_settled)
         if key == ERROR.key() or wall - self._looked > LOOK_PERIOD:
             self._look(Now(wall, wall))
 
@@ -177,7 +169,8 @@ class _Gatherer:
         end = 0.0 if math.isnan(self._end) else self._end
         snapshot = self._rerun.metrics.snapshot(Now(end, end))
         start = self._start if self._start is not None else self._begin if self.messages else 0.0
-        settled = snapshot.settled_at is not None
+        if snapshot.settled_at is None:
+            self._restart()
         count = len(self._mission.names)
         time, rows = self._paths.taken(start)
         rejected = self._rerun.metrics.rejections.by_key
@@ -196,41 +189,32 @@ class _Gatherer:
                 name: self._commands[CMD_VEL.key(name)].curves.curves(start)
                 for name in self._mission.followers
             },
-            error=self._judge.measured(settled=settled),
-            true_error=self._true_judge.measured(settled=settled),
+            error=self._error,
+            true_error=self._true_error,
             robots={
-                name: Robot(
-                    error.measured(settled=settled),
-                    heading.measured(settled=settled),
-                    self._commands[CMD_VEL.key(name)].count,
-                    self._commands[CMD_VEL.key(name)].shares,
-                )
-                for name, (error, heading) in self._judges.items()
+                name: Robot(error, heading, self._commands[CMD_VEL.key(name)].shares)
+                for name, (error, heading) in self._robots.items()
             },
             keys=tuple(self._traffic.keys(snapshot, rejected, start, end)),
             late=self._late.by_topic,
             answers=self._late.answers,
-            events=tuple(self._story.events),
-            unlisted=self._story.unlisted,
-            orders=tuple(self._story.orders),
+            story=self._story,
             leader_terms=tuple(self._leader_terms.all),
             doings=self._doings.each,
-            apart=self._story.apart,
         )
 
     def _look(self, now: Now) -> None:
         metrics = self._rerun.metrics
         snapshot = metrics.snapshot(now)
         self._looked = now.wall
-        self._story.look(now.wall, metrics)
+        self._story.look(now.wall, metrics.orders)
         self._doings.look(now.wall, snapshot.robots)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
             self._start = now.wall - snapshot.elapsed
         self._now_settled = snapshot.settled_at
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:
             self._settled_at = snapshot.settled_at
-            for judge in (self._judge, self._true_judge, *chain.from_iterable(self._judges.values())):
-                judge.restart()
+            self._restart()
         moment, placed = metrics.placed(now)
         if not placed:
             moment = now.wall
@@ -239,15 +223,20 @@ class _Gatherer:
         of = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
         same = snapshot.formation_error is not None and abs(of - moment) < self._same
         true_error = snapshot.formation_error_true if same else None
-        self._judge.add(snapshot.formation_error)
-        self._true_judge.add(true_error)
-        for name, (error, heading) in self._judges.items():
+        self._error.add(snapshot.formation_error)
+        self._true_error.add(true_error)
+        for name, (error, heading) in self._robots.items():
             error.add(snapshot.robots[name].error)
             heading.add(snapshot.robots[name].heading_error)
         if moment - self._shown > MAX_LINE_GAP and self._shown > 0.0:
             self._row(self._shown, {}, {}, (None, None))
         self._row(moment, placed, snapshot.robots, (snapshot.formation_error, true_error))
         self._shown = moment
+
+    def _restart(self) -> None:
+        """Measure anew what is measured since the formation has settled."""
+        for one in (self._error, self._true_error, *chain.from_iterable(self._robots.values())):
+            one.restart()
 
     def _row(
         self,

@@ -28,8 +28,6 @@ MAX_RECOLOURED_FOLLOWERS = len(drawing.PALETTE)
 MAX_DIFFERENCES = 12
 """Number of differences of two missions that are listed."""
 _PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic")
-
-
 CAPTIONS = {
     "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
     "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
@@ -89,7 +87,7 @@ def page(reported: Sequence[ReportedRun], until: float | None = None, made: str 
         heading=" and ".join(names) if several else names[0],
         lead=summary.comparison(*runs) if several else verdict(runs[0]),
         subtitle="; ".join(f"recorded {_when(run)}, {words.lasting(run.duration)}" for run in runs),
-        notices=[] if several else list(notices(runs[0], cut=runs[0].recording.is_cut())),
+        notices=[] if several else list(notices(runs[0])),
         compared=_compared(runs, names, view) if several else None,
         runs=[_run(one, name, view, several) for one, name in zip(reported, names, strict=True)],
         terms=tables.TERMS,
@@ -143,12 +141,11 @@ def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[st
     run = reported.run
     letter = name[0].lower() if several else "a"
     numbers = {item.name: item for item in items(run)}
-    cut = run.recording.is_cut()
     return {
         "name": name,
         "mark": f"{letter.upper()}: " if several else "",
         "verdict": verdict(run),
-        "notices": list(notices(run, cut=cut)),
+        "notices": list(notices(run)),
         "cards": [
             numbers[name] for name in CARDS if name != "formation_error_true" or run.true_error.whole.count
         ],
@@ -165,16 +162,16 @@ def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[st
         "events": tables.events(run),
         "check": reported.check,
         "file": run.recording.about["mission_file"],
-        "facts": list(_facts(run, cut=cut)),
+        "facts": list(_facts(run)),
     }
 
 
-def _facts(run: Run, *, cut: bool) -> Iterator[tuple[str, str]]:
+def _facts(run: Run) -> Iterator[tuple[str, str]]:
     recording, about = run.recording, run.recording.about
     parts = recording.parts
     yield ("file" if len(parts) == 1 else f"{len(parts)} parts"), ", ".join(part.name for part in parts)
     yield "size", words.size(sum(part.stat().st_size for part in parts))
-    yield "state", "cut; read as far as it goes" if cut else "whole"
+    yield "state", "cut; read as far as it goes" if recording.is_cut() else "whole"
     yield "recorded", _when(run)
     yield "duration", words.lasting(run.duration)
     yield "messages", words.whole(run.messages)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event, from_message, silence_limit
-from formation.monitor.metrics.metrics import Metrics
-from formation.monitor.metrics.orders import Wish
+from formation.monitor.metrics.event import Event, from_message
+from formation.monitor.metrics.events import silence_limit
+from formation.monitor.metrics.orders import Orders, Wish
 from formation.monitor.metrics.snapshot import SIGHT, RobotMetrics
 from formation.protocol.order import Mode
 from formation.ros2.messages import Diagnostics, LogEntry, decode
@@ -20,8 +21,6 @@ from formation.wire import BadMessage
 SETTLED = b"settled_at"
 MAX_EVENTS = 2000
 """Most events, and changes of the order, that are kept; more are only counted."""
-
-
 MAX_LOOK_GAP = 1.0
 """Longest time between two looks that is attributed to a state [s]."""
 STATES = ("run", "hold", "stop", "waiting")
@@ -48,40 +47,32 @@ class Story:
         self.unlisted = 0
         """Number of events not kept."""
         self.apart = math.nan
-        """Excess of the settling time last published by the monitor [s]."""
+        """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
-    def process_message(self, key: str, payload: bytes) -> None:
-        """Take a message, if it is an event."""
-        if key != EVENTS.key():
-            return
-        try:
-            entry = decode(LogEntry, payload)
-        except BadMessage:
-            return
-        if len(self.events) < MAX_EVENTS:
-            self.events.append(from_message(entry))
-        else:
-            self.unlisted += 1
-
-    def check(self, key: str, payload: bytes, settled_at: float | None) -> None:
-        """Compare the settling time that the monitor published with the one found now [s].
+    def process_message(self, key: str, payload: bytes, settled_at: float | None) -> None:
+        """Take an event, or compare the monitor's published settling time with `settled_at`, found now [s].
 
         The live one is on the monotonic clock, which is not in a recording.
         """
-        if key != DIAGNOSTICS.key() or settled_at is None or SETTLED not in payload:
-            return
-        try:
-            values = decode(Diagnostics, payload).statuses[0].values
-            self.apart = float(values.get("settled_at", "nan")) - settled_at
-        except (BadMessage, IndexError, ValueError):
-            return
+        with suppress(BadMessage, IndexError, ValueError):
+            if key == EVENTS.key():
+                self._add(from_message(decode(LogEntry, payload)))
+            elif key == DIAGNOSTICS.key() and settled_at is not None and SETTLED in payload:
+                values = decode(Diagnostics, payload).statuses[0].values
+                self.apart = float(values.get("settled_at", "nan")) - settled_at
 
-    def look(self, wall: float, metrics: Metrics) -> None:
+    def _add(self, event: Event) -> None:
+        if len(self.events) < MAX_EVENTS:
+            self.events.append(event)
+        else:
+            self.unlisted += 1
+
+    def look(self, wall: float, orders: Orders) -> None:
         """Note a change of the order by `wall` [s]."""
-        order = metrics.order
+        order, lead = orders.newest, orders.lead
         if order is None or len(self.orders) >= MAX_EVENTS:
             return
-        wanted = order.mode, Wish.of(order), metrics.lead.name if metrics.lead else ""
+        wanted = order.mode, Wish.of(order), lead.name if lead else ""
         if not self.orders or self.orders[-1][1:] != wanted:
             self.orders.append(Ordered(wall, *wanted))
 

@@ -123,9 +123,9 @@ def _of_known(run: Run, bound: str) -> str:
     return f"Just settled {over}: error {since}; converged means under it for at least {DWELL_TIME:g} s."
 
 
-def notices(run: Run, *, cut: bool) -> Iterator[str]:
+def notices(run: Run) -> Iterator[str]:
     """Yield the notices to read before the metrics."""
-    if cut:
+    if run.recording.is_cut():
         yield (
             "This recording is cut: its recorder was killed or is still at work. It was read as far as it"
             f" goes, {words.lasting(run.duration)}."
@@ -150,13 +150,13 @@ def notices(run: Run, *, cut: bool) -> Iterator[str]:
     wrong = sorted({key.robot for key in run.keys if key.clock is not None and not clock_agrees(key.clock)})
     if wrong:
         yield f"Clocks differ from the recorder's: {_listed(wrong)}. Their delays contain the difference."
-    if abs(run.apart) > MIN_SETTLING_DIFFERENCE:
+    if abs(run.story.apart) > MIN_SETTLING_DIFFERENCE:
         yield (
             "The recorder's system clock was set during the run: times here are off by up to"
-            f" {words.milliseconds(abs(run.apart))}."
+            f" {words.milliseconds(abs(run.story.apart))}."
         )
-    if run.unlisted:
-        yield f"{words.whole(run.unlisted)} more events were recorded than are listed here."
+    if run.story.unlisted:
+        yield f"{words.whole(run.story.unlisted)} more events were recorded than are listed here."
 
 
 def lost_robots(keys: Sequence[Key]) -> list[tuple[str, float]]:

@@ -41,8 +41,6 @@ ANSWERS = (
     " it, as recorded: the way to the agent, its thinking, and the way to the recorder. Clocks"
     " as above."
 )
-
-
 ORDERS = "With another shape or route settling begins anew: the settling time counts from the newest."
 LEADERS = (
     "By the terms of the orders and the publisher ids, as they arrived; whether two led at once is"
@@ -197,13 +195,13 @@ def _silence(key: Key) -> str:
 
 def orders(run: Run) -> Table:
     """Return the leader's orders, with their times."""
-    several = len({order.leads for order in run.orders}) > 1
+    several = len({order.leads for order in run.story.orders}) > 1
     heads = ("time", "mode", "shape", "leader") if several else ("time", "mode", "shape")
     rows = [
         (words.seconds(one.at - run.start), one.mode, described(one.wish), one.leads or "unknown")[
             : len(heads)
         ]
-        for one in run.orders
+        for one in run.story.orders
     ]
     return Table("The leader's orders", heads, rows, ORDERS, words=True)
 
@@ -258,6 +256,6 @@ def events(run: Run) -> Table:
     levels = {20: "", 30: "warning", 40: "error"}
     rows = [
         (words.seconds(at - run.start), robot or "formation", kind, levels.get(level, ""), text)
-        for at, level, robot, kind, text in run.events
+        for at, level, robot, kind, text in run.story.events
     ]
     return Table("Events", ("time", "robot", "what", "level", "in words"), rows, words=True)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,8 +25,6 @@ HEAD_ROWS = 1200
 """Of these, the first ones that are never thinned: a minute of commands at 20 Hz."""
 MAX_SAMPLED_VALUES = 1 << 16
 """Number of values from which percentiles are taken."""
-
-
 SATURATED_SHARE = 0.995
 """Share of a limit from which a command counts as at its limit."""
 MAX_LINE_GAP = 1.0
@@ -61,19 +58,20 @@ class Curves(NamedTuple):
 class _Rows:
     """Times, and rows of values; of two rows that become one, each of `merges` keeps something."""
 
-    def __init__(
-        self, columns: int, most: int, head: int, merges: Sequence[Merge], dtype: type = np.float64
-    ) -> None:
-        self._most, self._head, self._merges = most, head, merges
+    merges: tuple[Merge, ...]
+    dtype: type
+
+    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
+        self._most, self._head = most, head
         self._count, self._stride, self._pending = 0, 1, 0
         self._time = np.empty(most)
-        self._rows: list[Any] = [np.empty((most, columns), dtype) for _ in merges]
+        self._rows: list[Any] = [np.empty((most, columns), self.dtype) for _ in self.merges]
 
     def add(self, time: float, values: Any) -> None:
         """Take one row [time in s]; NaN for unknown values."""
         if self._pending > 0:
             self._pending -= 1
-            for rows, merge in zip(self._rows, self._merges, strict=True):
+            for rows, merge in zip(self._rows, self.merges, strict=True):
                 rows[self._count - 1] = merge(rows[self._count - 1], values)
             return
         if self._count == self._most:
@@ -90,7 +88,7 @@ class _Rows:
         into, first = slice(self._head, self._head + pairs), slice(self._head, self._head + 2 * pairs, 2)
         second = slice(self._head + 1, self._head + 2 * pairs, 2)
         self._time[into] = self._time[first]
-        for rows, merge in zip(self._rows, self._merges, strict=True):
+        for rows, merge in zip(self._rows, self.merges, strict=True):
             rows[into] = merge(rows[first], rows[second])
         self._count = self._head + pairs
         self._stride *= 2
@@ -99,8 +97,7 @@ class _Rows:
 class Extremes(_Rows):
     """Rows of numbers; a thinned row keeps the least and the greatest of each."""
 
-    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(columns, most, head, (np.fmin, np.fmax))
+    merges, dtype = (np.fmin, np.fmax), np.float64
 
     def curves(self, start: float) -> Curves:
         """Return all rows, in time since `start`."""
@@ -111,11 +108,10 @@ class Extremes(_Rows):
 class Samples(_Rows):
     """Rows of vectors (complex); of merged rows the first one stays."""
 
-    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(columns, most, head, (lambda first, _second: first,), np.complex128)
+    merges, dtype = (lambda first, _second: first,), np.complex128
 
     def taken(self, start: float) -> tuple[FloatArray, Any]:
-        """Times since `start` [s], and the rows."""
+        """Return the times since `start` [s], and the rows."""
         return self._time[: self._count] - start, self._rows[0][: self._count].copy()
 
 
@@ -168,15 +164,24 @@ class Size:
         return math.sqrt(self._squares / self.count) if self.count else None
 
 
-@dataclass(frozen=True, slots=True)
 class Measured:
     """RMS and maximum of one quantity: over the whole run, and since the formation has settled."""
 
-    whole: Size
-    after: Size
-    """Empty if it has not settled."""
-    final: float | None
-    """The newest known value."""
+    def __init__(self) -> None:
+        self.whole, self.after = Size(), Size()
+        self.final: float | None = None
+        """The newest known value."""
+
+    def add(self, value: float | None) -> None:
+        """Take one value; None means unknown."""
+        if value is not None:
+            self.whole.add(value)
+            self.after.add(value)
+            self.final = value
+
+    def restart(self) -> None:
+        """Start the second half: from now on it may be settled for good."""
+        self.after = Size()
 
 
 class Robot(NamedTuple):
@@ -186,32 +191,8 @@ class Robot(NamedTuple):
     """Σ over its neighbours of |z_ij - z*_ij| [m]."""
     heading: Measured
     """Estimated less true heading [rad]; empty without ground truth."""
-    commands: int
     saturated: tuple[float | None, float | None]
     """Shares of its commands at the limit of the speed and of the turn rate; None without a command."""
-
-
-class Judge:
-    """Statistics of one quantity, before and after settling."""
-
-    def __init__(self) -> None:
-        self._whole, self._after = Size(), Size()
-        self._final: float | None = None
-
-    def add(self, value: float | None) -> None:
-        """Take one value; None means unknown."""
-        if value is not None:
-            self._whole.add(value)
-            self._after.add(value)
-            self._final = value
-
-    def restart(self) -> None:
-        """Start the second half: from now on it may be settled for good."""
-        self._after = Size()
-
-    def measured(self, *, settled: bool) -> Measured:
-        """Return the statistics; the second half only if it has `settled`."""
-        return Measured(self._whole, self._after if settled else Size(), self._final)
 
 
 class Commands:

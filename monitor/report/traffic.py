@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from formation.mission.model import Mission
+from formation.monitor.metrics.feed import finite
 from formation.monitor.metrics.keys import OWN, Watched, watched
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.recorder import is_stamped, stamp_of
@@ -74,7 +75,7 @@ class Traffic:
     def keys(
         self, snapshot: Snapshot, rejected: Mapping[str, int], start: float, end: float
     ) -> Iterator[Key]:
-        """Every key of the mission, in the order of the topic table, in time since `start` [s]."""
+        """Yield every key of the mission, in the order of the topic table, in time since `start` [s]."""
         metrics = {key: one for robot in snapshot.robots.values() for key, one in robot.keys.items()}
         order = [topic.name for topic in TABLE]
         for key, one in sorted(self._keys.items(), key=lambda item: order.index(item[1].topic.name)):
@@ -89,15 +90,11 @@ class Traffic:
                 promised=one.rate,
                 missed=known.missed if known else 0,
                 rejected=rejected.get(key, 0),
-                gap=_finite(tally.gap),
-                gap_at=_finite(tally.gap_at - start),
-                quiet=_finite(end - tally.last),
+                gap=finite(tally.gap),
+                gap_at=finite(tally.gap_at - start),
+                quiet=finite(end - tally.last),
                 clock=known.clock if known else None,
             )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ UNKNOWN = "–"
 
 
 def length(value: float | None) -> str:
-    """A length [m], to three digits: 13.9 m, 4.26 cm, 0.25 mm, 1.10 µm."""
+    """Return a length [m], to three digits: 13.9 m, 4.26 cm, 0.25 mm, 1.10 µm."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     for least, factor, unit in ((0.9995, 1.0, "m"), (0.009995, 1e2, "cm"), (9.995e-5, 1e3, "mm")):
@@ -18,17 +18,17 @@ def length(value: float | None) -> str:
 
 
 def bound(value: float) -> str:
-    """A chosen length [m]: 5 cm."""
+    """Return a chosen length [m]: 5 cm."""
     return f"{value * 1e2:g} cm" if value < 1.0 else f"{value:g} m"
 
 
 def seconds(value: float | None) -> str:
-    """A time in a run [s]: 3.60 s."""
+    """Return a time in a run [s]: 3.60 s."""
     return UNKNOWN if value is None or not math.isfinite(value) else _signed(f"{value:.2f} s")
 
 
 def lasting(value: float | None) -> str:
-    """A duration [s]: 31.4 s, 12 min 5 s, 1 h 2 min."""
+    """Return a duration [s]: 31.4 s, 12 min 5 s, 1 h 2 min."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if value < 99.95:
@@ -39,36 +39,36 @@ def lasting(value: float | None) -> str:
 
 
 def milliseconds(value: float | None) -> str:
-    """A delay [s]: 0.64 ms, 54.3 ms, 12.3 s."""
+    """Return a delay [s]: 0.64 ms, 54.3 ms, 12.3 s."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     return f"{_three(value * 1e3)} ms" if abs(value) < 0.9995 else f"{_three(value)} s"
 
 
 def degrees(value: float | None) -> str:
-    """An angle [rad], in degrees: 3.83°."""
+    """Return an angle [rad], in degrees: 3.83°."""
     return UNKNOWN if value is None or not math.isfinite(value) else f"{_three(math.degrees(value))}°"
 
 
 def share(value: float | None) -> str:
-    """A share of 1: 4.2 %."""
+    """Return a share of 1: 4.2 %."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     return "0 %" if value == 0.0 else "<0.1 %" if value < 0.0005 else f"{value * 100:.1f} %"
 
 
 def rate(value: float | None) -> str:
-    """Messages per second: 20.0 Hz."""
+    """Return messages per second: 20.0 Hz."""
     return UNKNOWN if value is None or not math.isfinite(value) else f"{value:.1f} Hz"
 
 
 def whole(value: float | None) -> str:
-    """A count: 13,798."""
+    """Return a count: 13,798."""
     return UNKNOWN if value is None else f"{value:,.0f}"
 
 
 def size(value: int) -> str:
-    """Bytes: 1.9 MB."""
+    """Return a size [bytes]: 1.9 MB."""
     for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
         if value >= factor:
             return f"{value / factor:.1f} {unit}"
@@ -76,7 +76,7 @@ def size(value: int) -> str:
 
 
 def ratio(value: float | None) -> str:
-    """A ratio: × 7.72."""
+    """Return a ratio: × 7.72."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if 0.0 < value < 0.0995:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import ipaddress
 import socket
 from typing import NamedTuple
@@ -85,11 +84,6 @@ def listening(bind: Bind) -> socket.socket:
         one.close()
         raise
     return one
-
-
-def is_taken(error: OSError) -> bool:
-    """Return whether the port is in use."""
-    return error.errno == errno.EADDRINUSE
 
 
 def _outward() -> str:

@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from formation.control.plane import clip
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import INFO, WARNING, Event
+from formation.monitor.metrics.event import INFO, WARNING, Event
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
@@ -45,8 +45,6 @@ MAX_SHOWN_AGE = 3.0
 """Age of the shown moment from which on a page is too old for orders [s]."""
 LONG_AGO_AGE = 3600.0
 """Age reported as "long ago" [s]: a page that has shown nothing yet reports the year 1970."""
-
-
 ANSWER_TIMEOUT_SECONDS = 3.0
 """Time for all robots to answer [s]."""
 NO_PAPERS = "robots under certificates obey the operator alone: name its configuration, --control-config FILE"
@@ -211,9 +209,10 @@ class Operator:
         return given.report.result()
 
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
-        """Send a driver's velocity, in shares of the greatest; return the leader's answer.
+        """Send a driver's velocity, in shares of the greatest from -1 to 1; return the leader's answer.
 
-        `token`: of the newest answer, see `formation.leader.driving`. Raises ValueError.
+        The answer has ``ok``, ``reason``, ``code``, ``mode``, and the ``token`` for the next one, see
+        `formation.leader.driving`. `driver` is the id of the page. Raises ValueError.
         """
         most = first_limits(self._mission)
         try:

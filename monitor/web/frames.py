@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
-from formation.monitor.metrics.events import LOST_SILENCE, Event
+from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.events import LOST_SILENCE
 from formation.monitor.metrics.feed import clock_agrees, freshness_limit
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import AVOIDING, SIGHT, RobotMetrics, Snapshot
@@ -30,8 +31,6 @@ FIELDS = (
 """Columns of a robot's row: its centre, its control point, the wanted control point, and metrics."""
 MILLI, TENTH_MILLI = 3, 4
 """Decimals shown on a page; the finer one is only for a formation error."""
-
-
 MIN_RATE_SHARE = 0.9
 """Share of the promised rate that counts as full."""
 LOSS_BEARABLE, LOSS_WEIGHT = 0.01, 3.0
@@ -106,7 +105,7 @@ def frame(
     seen = snapshot or metrics.snapshot(now)
     moment, placed = metrics.placed(now)
     truly = metrics.placed(now, truly=True)[1]
-    leader, slots = placed.get(mission.leader), metrics.slots(moment)
+    leader, slots = placed.get(mission.leader), metrics.orders.slots(moment)
     rows = []
     for name in mission.names:
         slot = None if leader is None else leader.point + slots[name]

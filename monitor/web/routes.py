@@ -46,94 +46,76 @@ _log = logging.getLogger(__name__)
 
 
 class Control(Protocol):
-    """Carries an operator's orders to the fleet."""
+    """Carries an operator's orders to the fleet: a `formation.monitor.web.control.Operator`.
+
+    Methods are called in threads of the server, perhaps in several at once.
+    """
 
     @property
     def token(self) -> str:
         """The token required in a request for an order."""
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
-        """Give an order and return the answers, as in `formation order --json`.
-
-        `what` are its values: a ``shape``, ``degrees`` and so on, see `formation.protocol.order.TAKES`.
-        `click` is the page's own id of the click, the same if it is sent twice; `seen` is the moment that
-        the page showed [s, our system clock]. Called in threads of the server, perhaps in several at once.
-        ValueError if the order is not possible now.
-        """
+        """Give an order and return the answers, as in `formation order --json`. Raises ValueError."""
 
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
-        """Drive the leader by hand: shares of the greatest speed and turn rate, from -1 to 1.
-
-        Return ``ok``, ``reason``, ``code``, ``mode`` and the ``token`` for the next one; `driver` is the id
-        of the page. Called in a thread of the server. ValueError for what is not legal.
-        """
+        """Drive the leader by hand, and return its answer. Raises ValueError."""
 
 
-class Replay(Protocol):
-    """Plays a recording."""
+Steer = Callable[[str, float | None], dict[str, Any]]
+"""Pause, play, seek to a time [s, system clock] or set the speed of a replay; return the new state.
 
-    def steer(self, do: str, to: float | None) -> dict[str, Any]:
-        """Pause, play, seek to a time [s, system clock], or set the speed; return the new state.
-
-        Called in threads of the server. ValueError for an invalid request.
-        """
+Called in threads of the server. ValueError for an invalid request.
+"""
 
 
-def application(
-    source: Source, streams: Streams, control: Control | None, replay: Replay | None
-) -> Starlette:
+def application(source: Source, streams: Streams, control: Control | None, steer: Steer | None) -> Starlette:
     """Return the application, without the gate in front of it."""
-    answers = Answers(streams)
     routes: list[Route | Mount] = [
         Route("/stream", streams, methods=["GET"]),
-        Route("/healthz", answers.health),
-        Route("/metrics", answers.metrics),
-        Route("/api/snapshot", answers.snapshot),
+        Route("/healthz", _health),
+        Route("/metrics", partial(_metrics, streams)),
+        Route("/api/snapshot", partial(_snapshot, streams)),
     ]
     if control is not None:
         orders = Orders(source, control)
         routes.append(Route("/api/order", orders.order, methods=["POST"]))
         routes.append(Route("/api/order", orders.may, methods=["GET"]))
         routes.append(Route("/api/drive", orders.drive, methods=["POST"]))
-    if replay is not None:
-        routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
-    routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
+    if steer is not None:
+        routes.append(Route("/api/replay", partial(_steer, steer), methods=["POST"]))
+    routes.append(Route("/api/{rest:path}", _nothing, methods=["GET", "POST"]))
     routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
     return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
 
 
-class Answers:
-    """Metrics of one moment, made on request."""
+async def _health(_request: Request) -> Response:
+    """Answer that the server is alive."""
+    return PlainTextResponse("ok\n", headers=NO_STORE)
 
-    def __init__(self, streams: Streams) -> None:
-        self._streams = streams
 
-    async def health(self, _request: Request) -> Response:
-        """Answer that the server is alive."""
-        return PlainTextResponse("ok\n", headers=NO_STORE)
+async def _nothing(request: Request) -> Response:
+    """Answer a request for a function that this server was started without."""
+    raise HTTPException(404, f"there is no {request.url.path} here")
 
-    async def nothing(self, request: Request) -> Response:
-        """Answer a request for a function that this server was started without."""
-        raise HTTPException(404, f"there is no {request.url.path} here")
 
-    async def metrics(self, request: Request) -> Response:
-        """Answer with the metrics for Prometheus."""
-        look = await self._look()
-        body, content_type = exposition(
-            look.snapshot, look.frame["recording"], request.headers.get("accept", "")
-        )
-        return Response(body, headers={**NO_STORE, "content-type": content_type})
+async def _metrics(streams: Streams, request: Request) -> Response:
+    """Answer with the metrics for Prometheus."""
+    look = await _look(streams)
+    body, content_type = exposition(look.snapshot, look.frame["recording"], request.headers.get("accept", ""))
+    return Response(body, headers={**NO_STORE, "content-type": content_type})
 
-    async def snapshot(self, _request: Request) -> Response:
-        """Answer with the snapshot for programs."""
-        look = await self._look()
-        return JSONResponse(as_json(look.snapshot), headers=NO_STORE)
 
-    async def _look(self) -> Look:
-        look = await self._streams.fresh()
-        if look is None:
-            raise HTTPException(503, "there are no metrics at the moment")
-        return look
+async def _snapshot(streams: Streams, _request: Request) -> Response:
+    """Answer with the snapshot for programs."""
+    return JSONResponse(as_json((await _look(streams)).snapshot), headers=NO_STORE)
+
+
+async def _look(streams: Streams) -> Look:
+    look = await streams.fresh()
+    if look is None:
+        raise HTTPException(503, "there are no metrics at the moment")
+    return look
 
 
 class Orders:
@@ -203,23 +185,17 @@ class Orders:
             self._under_way -= 1
 
 
-class Steering:
-    """Pause, play, seek and speed of a replay. It moves no robot, so it needs no token."""
-
-    def __init__(self, replay: Replay) -> None:
-        self._replay = replay
-
-    async def steer(self, request: Request) -> Response:
-        """Steer and answer with the state of the replay."""
-        body = await _body(request)
-        do, to = _one_of(body, "do", STEERING), _number(body, "to")
-        if to is None and do in {"seek", "speed"}:
-            raise HTTPException(400, f"to: {do} needs a number: a time [s], or how many times as fast")
-        try:
-            state = await asyncio.to_thread(self._replay.steer, do, to)
-        except ValueError as error:
-            raise HTTPException(400, str(error)) from None
-        return JSONResponse(state, headers=NO_STORE)
+async def _steer(steer: Steer, request: Request) -> Response:
+    """Steer a replay and answer with its state. It moves no robot, so it needs no token."""
+    body = await _body(request)
+    do, to = _one_of(body, "do", STEERING), _number(body, "to")
+    if to is None and do in {"seek", "speed"}:
+        raise HTTPException(400, f"to: {do} needs a number: a time [s], or how many times as fast")
+    try:
+        state = await asyncio.to_thread(steer, do, to)
+    except ValueError as error:
+        raise HTTPException(400, str(error)) from None
+    return JSONResponse(state, headers=NO_STORE)
 
 
 class Site(StaticFiles):

@@ -7,6 +7,7 @@ put there, and logs its own exceptions.
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import threading
@@ -17,10 +18,10 @@ from typing import Self
 import uvicorn
 from starlette.types import Scope
 
-from formation.monitor.web.address import PORT, Bind, is_taken, listening
+from formation.monitor.web.address import PORT, Bind, listening
 from formation.monitor.web.connection import Connection
 from formation.monitor.web.guard import Guard, names_of
-from formation.monitor.web.routes import Control, Replay, application
+from formation.monitor.web.routes import Control, Steer, application
 from formation.monitor.web.source import Source
 from formation.monitor.web.stream import Streams
 
@@ -33,8 +34,6 @@ IDLE_TIMEOUT_SECONDS = 5
 MAX_HEAD_BYTES = 16 * 1024
 """Longest head of a request [bytes]."""
 _log = logging.getLogger(__name__)
-
-
 EXPOSED = "this page's token can be read by any machine on the way, which can then stop and drive the robots"
 """Warning about orders from a page that others can reach."""
 
@@ -43,7 +42,7 @@ class PageServer:
     """Serve the page, its stream and the metrics. Start it, best as a context manager."""
 
     def __init__(
-        self, bind: Bind, source: Source, control: Control | None = None, replay: Replay | None = None
+        self, bind: Bind, source: Source, control: Control | None = None, steer: Steer | None = None
     ) -> None:
         """Take the port. Raises OSError on failure."""
         self.source = source
@@ -54,7 +53,7 @@ class PageServer:
         self.invitation = self.address + (f"#token={control.token}" if control else "")
         """The URL for the operator, with the token. A browser does not send the part after #."""
         self._streams = Streams(source, self._hang_up)
-        app = application(source, self._streams, control, replay)
+        app = application(source, self._streams, control, steer)
         config = uvicorn.Config(
             Guard(app, names_of(socket.gethostname(), bind.host)),
             log_config=None, log_level="error", access_log=False, lifespan="off", ws="none",
@@ -126,18 +125,18 @@ class PageServer:
 
 
 def opened(
-    requested: Bind | None, source: Source, control: Control | None = None, replay: Replay | None = None
+    requested: Bind | None, source: Source, control: Control | None = None, steer: Steer | None = None
 ) -> PageServer:
     """Return a server at the `requested` address, by default at the usual port or, if that is taken, at any.
 
     It has the port and does not serve yet. Raises OSError if the requested address cannot be had.
     """
     try:
-        return PageServer(requested or Bind(), source, control, replay)
+        return PageServer(requested or Bind(), source, control, steer)
     except OSError as error:
-        if requested is not None or not is_taken(error):
+        if requested is not None or error.errno != errno.EADDRINUSE:
             raise
-    return PageServer(Bind(port=0), source, control, replay)
+    return PageServer(Bind(port=0), source, control, steer)
 
 
 def words(requested: Bind | None, server: PageServer) -> str:

@@ -27,13 +27,12 @@ HEADERS = [
     (b"cache-control", b"no-store"),
     (b"x-accel-buffering", b"no"),
 ]
-HangUp = Callable[[Scope], None]
 
 
 class Streams:
     """All streams of a server. Call the methods only in its thread."""
 
-    def __init__(self, source: Source, hang_up: HangUp) -> None:
+    def __init__(self, source: Source, hang_up: Callable[[Scope], None]) -> None:
         """`hang_up` ends the connection of a request at once."""
         self._source, self._hang_up = source, hang_up
         self._wakes: set[asyncio.Event] = set()

@@ -175,6 +175,7 @@ class Stopping(View):
     """Breaks the connection off when something happens, as an unplugged cable would."""
 
     def __init__(self, ssh: Ssh, when: str) -> None:
+        super().__init__()
         self._ssh, self._when = ssh, when
         self.happened = threading.Event()
 

@@ -16,7 +16,7 @@ from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind
-from formation.monitor.web.routes import Control, Replay
+from formation.monitor.web.routes import Control, Steer
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
 from tests.support.child import PATIENCE
@@ -55,9 +55,9 @@ SEEN = seen()
 
 @contextmanager
 def serving(
-    one: Source | None = None, control: Control | None = None, replay: Replay | None = None
+    one: Source | None = None, control: Control | None = None, steer: Steer | None = None
 ) -> Iterator[PageServer]:
-    with PageServer(ANY, one or source(), control, replay) as server:
+    with PageServer(ANY, one or source(), control, steer) as server:
         yield server
 
 

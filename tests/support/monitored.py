@@ -10,7 +10,7 @@ from typing import Any
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor
-from formation.monitor.metrics.events import Event, from_message
+from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.protocol import order

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.web.address import Bind
-from formation.monitor.web.routes import Control, Replay
+from formation.monitor.web.routes import Control, Steer
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
 from tests.processes.page.scene import Scene
@@ -90,11 +90,11 @@ class Served:
     """A page of one scene. `play` has it go on by itself, `feed` by hand."""
 
     def __init__(
-        self, scene: Scene, control: Control | None = None, replay: Replay | None = None, port: int = 0
+        self, scene: Scene, control: Control | None = None, steer: Steer | None = None, port: int = 0
     ) -> None:
         self.scene = scene
         self.source = Source(scene.hello(), lambda: scene.now)
-        self._server = PageServer(Bind(port=port), self.source, control, replay)
+        self._server = PageServer(Bind(port=port), self.source, control, steer)
         self.address = self._server.address
         self._server.start()
         self._over = threading.Event()
@@ -136,10 +136,10 @@ class Served:
 
 @contextmanager
 def served(
-    scene: Scene, control: Control | None = None, replay: Replay | None = None, port: int = 0
+    scene: Scene, control: Control | None = None, steer: Steer | None = None, port: int = 0
 ) -> Iterator[Served]:
     """A page that is closed at the end."""
-    one = Served(scene, control, replay, port)
+    one = Served(scene, control, steer, port)
     try:
         yield one
     finally:

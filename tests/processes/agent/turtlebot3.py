@@ -238,7 +238,7 @@ class TurtleBot3:
             return None
         try:
             message = self._type.deserialize(payload)
-            if message.serialize() != payload:
+            if messages.encoded(message) != payload:
                 self.troubles["bytes of another type"] += 1  # and yet obeyed
         except (struct.error, UnicodeDecodeError):
             self.troubles["too short for its type"] += 1

@@ -2,6 +2,7 @@
 
 # No postponed annotations here: pycdr2 reads the fields' types while a class is made.
 import math
+import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     Covariance = list[float]
 else:
     Covariance = array[float64, 36]
+_ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass
@@ -129,4 +131,10 @@ def odometry(
     message = Odometry(
         stamped(wall, frames[0]), frames[1], PoseWithCovariance(pose), TwistWithCovariance(moving)
     )
-    return message.serialize()
+    return encoded(message)
+
+
+def encoded(message: IdlStruct) -> bytes:
+    """Return the message in CDR; a type of pycdr2 has one buffer, which two threads would share."""
+    with _ONE_AT_A_TIME:
+        return bytes(message.serialize())

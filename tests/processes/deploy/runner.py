@@ -14,9 +14,14 @@ from formation.deploy.local import run
 from formation.deploy.local.plan import Program
 from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.views import PlainLines
+from formation.mission.file import load
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.words import as_json
+from formation.wire import Now
 from tests.processes.deploy.stubs import program
 
-SNAPSHOT = "say('snapshot', formation_error=0.002, robots={'robot1': {'state': 'run', 'error': 0.001}});"
+SEEN = as_json(Metrics(load("turtlebot3_pair")).snapshot(Now(0.0, 0.0))) | {"formation_error": 0.002}
+SNAPSHOT = f"say('snapshot', **{SEEN!r});"
 AGENT = "until_told(); say('summary', published={'robot1/cmd_vel': 10, 'robot1/odom': 10}); sys.exit(0)"
 AT_ROBOT = {"published": {"robot1/odom": 12, "robot1/ground_truth": 12}, "received": {"robot1/cmd_vel": 9}}
 ROBOTS = f"until_told(); say('summary', published={{}}, robot={AT_ROBOT!r}); sys.exit(0)"

@@ -146,13 +146,6 @@ def test_a_recording_that_failed_on_the_way_is_exit_code_1(ran: Runner) -> None:
     assert "No space left on device" in done.err
 
 
-def test_a_summary_that_makes_no_sense_counts_for_nothing(ran: Runner) -> None:
-    strange = program(
-        "until_told(); say('summary', published='lots', robot=[]); sys.exit(0)", "robot", "body"
-    )
-    assert ran(*good(), strange).result["lost"] == 0
-
-
 def test_dead_process_is_named_and_run_continues(ran: Runner) -> None:
     code = f"{READY}; {ran.once_begun}; print('battery empty', file=sys.stderr); sys.exit(7)"
     done = ran(*good(), program(code, "agent robot2", "control"), until_dead=["agent robot2"])

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from formation.monitor.metrics.events import from_message
+from formation.monitor.metrics.event import from_message
 from formation.monitor.recording.reader import read
 from formation.ros2.messages import Diagnostics, LogEntry, decode
 from formation.topics import EVENTS, STATUS

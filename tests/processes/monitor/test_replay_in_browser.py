@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
-from formation.monitor.metrics.events import Event, to_message
+from formation.monitor.metrics.event import Event, to_message
 from formation.ros2.messages import Number, encode
 from formation.topics import ERROR, EVENTS
 from formation.wire import Sample

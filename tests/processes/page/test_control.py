@@ -13,7 +13,7 @@ import pytest
 
 from formation.agent.safety.latch import Latch
 from formation.mission.file import load
-from formation.monitor.metrics.events import INFO, WARNING, Event
+from formation.monitor.metrics.event import INFO, WARNING, Event
 from formation.monitor.web import control
 from formation.monitor.web.control import Operator, Overruled
 from formation.protocol.order import Mode, OperatorRequest, decode

@@ -217,7 +217,7 @@ def test_order_without_answer_is_shown_as_alarm(browser: Browser, controlled: Se
 
 def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
     player = Player()
-    with served(Scene(6, live=False), replay=player) as one, watched(browser, one.address) as page:
+    with served(Scene(6, live=False), steer=player.steer) as one, watched(browser, one.address) as page:
         one.feed(20)
         page.locator("#replay-time", has_text="0:02 of 0:30").wait_for()
         page.locator("#connection", has_text="replay").wait_for()

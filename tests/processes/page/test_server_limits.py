@@ -157,7 +157,7 @@ def flooded(server: PageServer, words: bytes, many: int, addresses: int, stack: 
 @pytest.mark.parametrize("words", FLOODS.values(), ids=FLOODS)
 def test_a_stop_gets_in_however_many_connections_there_are(words: bytes, addresses: int) -> None:
     orders = Orders()
-    with serving(control=orders, replay=Player()) as server, ExitStack() as stack:
+    with serving(control=orders, steer=Player().steer) as server, ExitStack() as stack:
         flooded(server, words, 200, addresses, stack)
         for _ in range(STOPS):
             assert requested(server, "api/order", {"do": "stop"}, **BEARER).status_code == 200

@@ -151,7 +151,7 @@ def test_a_stop_does_not_wait_behind_other_orders(monkeypatch: pytest.MonkeyPatc
 
 def test_replay_is_controlled_without_token() -> None:
     player = Player()
-    with serving(replay=player) as server:
+    with serving(steer=player.steer) as server:
         assert requested(server, "api/replay", {"do": "pause"}, **JSON).json() == {"paused": True}
         assert requested(server, "api/replay", {"do": "seek", "to": 12}, **JSON).status_code == 200
         assert requested(server, "api/replay", {"do": "speed", "to": 0.5}, **JSON).status_code == 200

@@ -77,11 +77,11 @@ HEALTHY = Facts(
     routed=True,
     watchdog_state="watching",
     watchdog_unit="active",
-    listeners=(Party("turtlebot3_node", STAMPED, "ab"),),
-    speakers=(Party("_formation_agent", STAMPED, "cd"),),
+    listeners=(Party("turtlebot3_node", STAMPED),),
+    speakers=(Party("_formation_agent", STAMPED),),
     reached={"leader": Reached("tls/192.168.1.10:7460", "ok", name="leader")},
-    certificates=(
-        Certificate(path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY),
+    certificate=Certificate(
+        path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY
     ),
     chrony=Chrony(0.000_04, synchronised=True),
     installed_differs="",

@@ -97,10 +97,10 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
     "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
-    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)}, "cmd-vel-type",
+    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST),)}, "cmd-vel-type",
         "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped"),
     "somebody else drives": (
-        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED, "ef"))},
+        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED))},
         "cmd-vel-contested", "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
     "no watchdog": ({"watchdog_state": "", "watchdog_unit": None}, "watchdog-down", "no watchdog answers"),
@@ -156,16 +156,16 @@ CERTIFICATES: dict[str, tuple[Mapping[str, Any], str]] = {
 @pytest.mark.parametrize("name", CERTIFICATES)
 def test_each_fault_of_a_certificate_is_named(name: str) -> None:
     changes, sentence = CERTIFICATES[name]
-    assert HEALTHY.certificates is not None
-    sentences = found(replace(HEALTHY, certificates=(replace(HEALTHY.certificates[0], **changes),)))
+    assert HEALTHY.certificate is not None
+    sentences = found(replace(HEALTHY, certificate=replace(HEALTHY.certificate, **changes)))
     assert list(sentences) == [name]
     assert sentence in sentences[name]
 
 
 def test_single_pause_and_group_readable_key_are_accepted() -> None:
-    assert HEALTHY.certificates is not None
-    shared = replace(HEALTHY.certificates[0], mode=0o640)
-    assert found(replace(HEALTHY, odometry=paused(0.2), certificates=(shared,))) == {}
+    assert HEALTHY.certificate is not None
+    shared = replace(HEALTHY.certificate, mode=0o640)
+    assert found(replace(HEALTHY, odometry=paused(0.2), certificate=shared)) == {}
 
 
 def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
@@ -208,7 +208,7 @@ STANDBY = replace(
     robot="deputy",
     newest_status=OWN,
     reached={"deputy": Reached("tls/192.168.1.16:7460", "ok", name="deputy")},
-    certificates=None,
+    certificate=None,
 )
 
 

@@ -122,8 +122,6 @@ def test_twist_counts_for_a_moment_and_is_limited() -> None:
     twists.take(0.1, -5.0, 1.0)
     assert twists.velocity(1.0) == Share(0.5, -1.0)
     assert twists.velocity(1.0 + TWIST_SECONDS) == RELEASED
-    twists.take(0.1, float("nan"), 2.0)
-    assert twists.velocity(2.0) == RELEASED
 
 
 def replied(robot: str, token: int, *, leads: bool = True, reason: str = "") -> bytes:

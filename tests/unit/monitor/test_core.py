@@ -11,7 +11,7 @@ import pytest
 
 from formation.mission.file import load, parse, read
 from formation.monitor.core import MAX_EVENTS, Monitor
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.keys import OWN, given_stage, usual_stage, watched
 from formation.monitor.metrics.words import line
 from formation.ros2.messages import Diagnostics, Number, decode

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from formation.monitor.core import Monitor
-from formation.monitor.metrics.events import INFO, Event
+from formation.monitor.metrics.event import INFO, Event
 from formation.monitor.process import Showing
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.web.source import Source

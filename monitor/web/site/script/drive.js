@@ -1,7 +1,7 @@
 /** The leader driven by hand: a pad that counts while it is held. Let go, and all robots hold. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
-import { token } from "./token.js";
+import { post } from "./token.js";
 
 const PERIOD = 50; // between two velocities [ms]
 const PATIENCE = 300; // a velocity counts no longer than this after the answer that it returns [ms]
@@ -94,12 +94,7 @@ export class DrivePad {
   async send([forward, turn]) {
     const body = { forward, turn, token: this.leaders, driver: this.driver };
     try {
-      const answer = await fetch("api/drive", {
-        method: "POST",
-        headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
-        body: JSON.stringify(body),
-        signal: AbortSignal.timeout(PATIENCE),
-      });
+      const answer = await post("api/drive", body, PATIENCE);
       const reply = await answer.json();
       if (!answer.ok) return this.tell("bad", `REFUSED: ${reply.error}`);
       this.leaders = reply.token;

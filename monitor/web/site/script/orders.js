@@ -1,7 +1,7 @@
 /** Orders to the fleet, and the robots that acknowledged them. Shown only where the page was started with --control. */
 
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
-import { forget, keep, token } from "./token.js";
+import { forget, keep, post, token } from "./token.js";
 
 const TWICE = 1000; // Escape twice within so long stops [ms]
 const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
@@ -103,12 +103,7 @@ export class Orders {
     const turn = (this.turn += 1);
     this.tell("asking", `${what}: asking …`);
     try {
-      const answer = await fetch("api/order", {
-        method: "POST",
-        headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
-        body: JSON.stringify(body),
-        signal: AbortSignal.timeout(PATIENCE),
-      });
+      const answer = await post("api/order", body, PATIENCE);
       const reply = await answer.json().catch(() => ({}));
       // what came of an older order hides nothing that is newer; what came of a stop is always shown
       if (turn === this.turn || what === "stop") this.receive(what, answer, reply);
@@ -125,7 +120,7 @@ export class Orders {
       this.tell("bad", `${what}: REFUSED, the token is not right`);
       return;
     }
-    if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${reply.error ?? reply.detail ?? `answer ${answer.status}`}`);
+    if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${reply.error ?? `answer ${answer.status}`}`);
     else this.acknowledge(what, reply);
   }
 

@@ -20,6 +20,16 @@ export function keep(word) {
   store("sessionStorage", KEY, word.trim());
 }
 
+/** Send `body` to the page's own server, with the token; it is given up after `patience` [ms]. */
+export function post(path, body, patience) {
+  return fetch(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
+    body: JSON.stringify(body),
+    signal: AbortSignal.timeout(patience),
+  });
+}
+
 export function forget() {
   store("sessionStorage", KEY, null);
 }

@@ -55,11 +55,3 @@ def test_only_unusual_conditions_have_a_line() -> None:
     assert "in place of lost neighbours: robot6 follows robot3" in text
     assert next(line for line in text.splitlines() if line.startswith("robot4")).split()[1] == "unavail"
     assert "°" not in drawn(event, ascii_only=True).splitlines()[-4]
-
-
-def test_a_monitor_that_says_something_else_in_their_place_changes_nothing() -> None:
-    event = seen() | {"leads": 5, "candidates": [1], "waits": None, "formed": "no", "rotation": "x"}
-    event["robots"]["robot4"] |= {"unavailable": "yes", "fallback": 3}
-    snapshot = Snapshot.of(event)
-    assert (snapshot.leads, dict(snapshot.candidates), snapshot.waits) == (None, {}, "")
-    assert not snapshot.robots["robot4"].unavailable

@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import fields
-from importlib.resources import files
 from typing import Any
 
 import foxglove.layouts as theirs
@@ -45,13 +44,6 @@ def series(mission: Mission) -> Iterator[str]:
     for panel, config in layout(mission)["configById"].items():
         if panel.startswith("Plot!"):
             yield from (path["value"] for path in config["paths"])
-
-
-def test_the_layout_that_ships_is_that_of_the_six_robots() -> None:
-    shipped = (
-        files("formation.monitor.exporters").joinpath("six_robots.foxglove.json").read_text(encoding="utf-8")
-    )
-    assert shipped == text(load("six_robots"))
 
 
 @pytest.mark.parametrize("name", MISSIONS)

@@ -15,6 +15,7 @@ import pytest
 from formation.control.zones import Zone
 from formation.mission.file import parse, read
 from formation.monitor.core import Monitor
+from formation.monitor.metrics.event import Event, from_message, to_message
 from formation.monitor.metrics.events import (
     CLEAR_TIME,
     LOST_SILENCE,
@@ -22,10 +23,7 @@ from formation.monitor.metrics.events import (
     REJECTION_PERIOD,
     START_TIME,
     STATES,
-    Event,
     Events,
-    from_message,
-    to_message,
 )
 from formation.monitor.metrics.words import as_json, diagnostics, line
 from formation.monitor.report import tables

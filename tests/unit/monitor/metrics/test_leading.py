@@ -157,7 +157,7 @@ def test_new_leader_with_slow_clock_is_shown_soon() -> None:
 
 def test_a_term_from_the_day_after_tomorrow_counts_for_nothing() -> None:
     fleet = Fleet(with_standbys(), term=int((EPOCH + 2e5) * 1e9))
-    assert received(fleet, fleet.position("robot1", 10.0)).order is None
+    assert received(fleet, fleet.position("robot1", 10.0)).orders.newest is None
 
 
 def test_ballots_are_checked_like_everything_else() -> None:

@@ -55,7 +55,7 @@ def test_error_in_old_shape_equals_slot_displacement() -> None:
     fleet = Fleet(wants=moving)
     fleet.away = lambda robot, time: SIX.slot(robot) - PlacedShape.of(fleet.order(time)).slot(SIX, robot)
     metrics = driven(fleet, 13.0)
-    seen, slots = metrics.snapshot(now(13.0)), metrics.slots(metrics.placed(now(13.0))[0])
+    seen, slots = metrics.snapshot(now(13.0)), metrics.orders.slots(metrics.placed(now(13.0))[0])
     for (one, other), error in seen.edges.items():
         moved = (slots[other] - slots[one]) - (SIX.slot(other) - SIX.slot(one))
         assert error == pytest.approx(abs(moved), abs=1e-9)
@@ -86,7 +86,7 @@ def test_slots_of_unknown_shape_are_rejected() -> None:
     pose = Fleet().pose("robot1", 10.0)
     metrics = received(fleet, Sample(POSITION.key("robot1"), pose, order.encode(result), 10.0))
     assert metrics.rejections.by_reason == {"robot1/position: unknown shape": 1}
-    assert metrics.order is None
+    assert metrics.orders.newest is None
 
 
 def test_new_shape_restarts_settling_time() -> None:

@@ -39,7 +39,7 @@ class Reel:
         for number, wall in enumerate(self.walls):
             begun = begun or wall >= since
             if begun:
-                yield Recorded(Sample("a", b"%d" % number, None, wall), wall, round(wall * 1e9))
+                yield Recorded(Sample("a", b"%d" % number, None, wall), wall)
 
 
 def reel(seconds: float = 10.0) -> Reel:

@@ -31,7 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_report_writes_each_panel_and_both_paper_figures(run: Run, tmp_path: Path) -> None:
-    paths = figures.write(tmp_path / "new" / "folder", run, View.of([run]), ["svg"])
+    paths = figures.write(tmp_path / "new" / "folder", figures.of_run(run, View.of([run])), ["svg"])
     names = {path.stem for path in paths}
     assert names == {"fig2", "fig3", "whole", *(panel.name for panel in parts.PANELS)}
     for path in paths:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from formation.mission.file import load
-from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.web.frames import FIELDS, event, frame, hello
 from formation.protocol.order import Slots
