@@ -151,6 +151,7 @@ def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: Capsys) ->
     assert result["losses"]["robot1"]["hold"] == ["robot2"]
 
 
+@pytest.mark.usefixtures("paper_law_not_simulated")
 def test_columns_stand_under_their_titles_however_short_the_names(tmp_path: Path, capsys: Capsys) -> None:
     mission = tmp_path / "ring.toml"
     mission.write_text(ring(3).replace("leader", "l").replace('l = "l"', 'leader = "l"', 1))
