@@ -31,7 +31,7 @@ from formation.protocol.order import OperatorReply, OperatorRequest, encode
 from formation.protocol.order import decode as decode_order
 from formation.protocol.status import AgentState, AgentStatus
 from formation.protocol.status_codec import decode as decode_status
-from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
+from formation.ros2.messages import Diagnostics, Status, Twist, TwistStamped, decode
 from formation.simulation.edges import Edges, formation_error
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, STATUS
 from formation.transport.runtime.loop import Core
@@ -151,7 +151,9 @@ class Fleet:
         self.nodes = {name: Node(core) for name, core in cores.items()}
         self._number = itertools.count()
         self._events: list[tuple[float, int, str, Sample | None]] = []
-        self._published: dict[str, Diagnostics] = {}
+        self._published: dict[str, bytes] = {}
+        self._commanded = {CMD_VEL.key(name): name for name in self.agents}
+        self._reported = {STATUS.key(name): name for name in self.agents}
         self._sent_until: dict[tuple[str, str], float] = defaultdict(float)
         for name in self.nodes:
             self._wake(name, self.random.uniform(0.0, 0.05))
@@ -373,11 +375,15 @@ class Fleet:
 
     def message(self, name: str) -> str:
         """What the newest status says in a sentence."""
-        return self._published[name].statuses[0].message
+        return self.reported(name).message
 
     def status(self, name: str) -> AgentStatus:
         """The newest status."""
-        return decode_status(AgentStatus, self._published[name].statuses[0])
+        return decode_status(AgentStatus, self.reported(name))
+
+    def reported(self, name: str) -> Status:
+        """The newest status as its message has it."""
+        return decode(Diagnostics, self._published[name]).statuses[0]
 
     def _wake(self, name: str, moment: float) -> None:
         """Have a node step by itself, a little after it asked for it, as a real loop would."""
@@ -401,8 +407,10 @@ class Fleet:
     def _waits(self, sender: str, receiver: str, out: Outgoing) -> Iterable[float]:
         """How long a message is on its way [s], each time that it comes."""
         if not out.key.endswith(BETWEEN):
-            own = out.key in {ODOM.key(receiver), POSE.key(receiver)} and self.sensors.get(receiver)
-            return [self._way(sender, receiver, own, out)] if own else [0.0005]
+            own = self.sensors.get(receiver)
+            if own is None or out.key not in {ODOM.key(receiver), POSE.key(receiver)}:
+                return [0.0005]
+            return [self._way(sender, receiver, own, out)]
         if (sender, receiver) in self.cuts:
             return []
         link = self.links.get((sender, receiver), Link(self.loss, self.delay))
@@ -421,12 +429,12 @@ class Fleet:
         return way + self._sent_until[sender, receiver] - self.now
 
     def _note(self, sender: str, out: Outgoing) -> None:
-        if sender in self.agents and out.key == CMD_VEL.key(sender):
+        if self._commanded.get(out.key) == sender:
             kind = self.mission.robots[sender].cmd_vel
             twist = decode(Twist, out.payload) if kind == "twist" else decode(TwistStamped, out.payload)
             self.commands[sender].append((self.now, twist.speed, twist.turn_rate))
-        elif sender in self.agents and out.key == STATUS.key(sender):
-            self._published[sender] = decode(Diagnostics, out.payload)
+        elif self._reported.get(out.key) == sender:
+            self._published[sender] = out.payload
 
 
 STORED_FLEETS: deque[tuple[tuple[Any, ...], Any]] = deque(maxlen=MAX_STORED_FLEETS)

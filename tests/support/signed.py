@@ -82,7 +82,7 @@ class SignedFleet(Fleet):
     unsigned: frozenset[str] = frozenset()
     verifiers: dict[str, Verifier] = field(default_factory=dict)
     signers: dict[str, Signer] = field(default_factory=dict)
-    tamper: Callable[[str, PositionAttachment], PositionAttachment] = lambda sender, decoded: decoded  # noqa: ARG005
+    tamper: Callable[[str, PositionAttachment], PositionAttachment] | None = None
     """What becomes of what a process attaches to its position, before its neighbours verify it."""
 
     def new_agent(self, name: str) -> Agent:
@@ -111,6 +111,7 @@ class SignedFleet(Fleet):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._positions = {POSITION.key(name): name for name in self.mission.names}
         self.leader = self.candidates["leader"] = self.new_leader("leader")
         self.nodes["leader"].core = self.leader
 
@@ -118,10 +119,11 @@ class SignedFleet(Fleet):
         """A position is on its way as it is now."""
 
     def _deliver(self, name: str, sample: Sample) -> None:
-        keys = {POSITION.key(one): one for one in self.mission.names}
-        if sample.key in keys and sample.attachment is not None:
-            decoded = self.tamper(keys[sample.key], order.decode(PositionAttachment, sample.attachment))
-            sample = sample._replace(attachment=order.encode(decoded))
+        sender = self._positions.get(sample.key)
+        if sender is not None and sample.attachment is not None:
+            if self.tamper is not None:
+                tampered = self.tamper(sender, order.decode(PositionAttachment, sample.attachment))
+                sample = sample._replace(attachment=order.encode(tampered))
             self.passed(sample)
         checked = self.verifiers.get(name)
         if checked is not None:

@@ -22,3 +22,14 @@ def no_processes_and_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess.Popen, "__init__", refuse)
     monkeypatch.setattr(zenoh, "open", refuse)
     monkeypatch.setattr(time, "sleep", refuse)
+
+
+@pytest.fixture
+def paper_law_not_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have analyses find no settling time of the paper's law: compiling it takes over ten seconds."""
+    from formation.stability import analysis
+
+    simulated = analysis.settling_time
+    monkeypatch.setattr(
+        analysis, "settling_time", lambda of, law: None if law == "paper" else simulated(of, law)
+    )

@@ -26,7 +26,6 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.smoke
 def test_a_fleet_runs_beside_foreign_modules(workspace: Path) -> None:
     with started("turtlebot3_pair", "--duration", "4", "--no-page", folder=workspace) as process:
         result = result_of(process)

@@ -64,10 +64,10 @@ def test_driver_plays_a_robot(process_fleet: MakeProcesses, tmp_path: Path) -> N
 
 @pytest.mark.smoke
 def test_keys_drive_a_fleet_until_the_driver_is_killed(process_fleet: MakeProcesses) -> None:
-    fleet = process_fleet("convoy")
+    fleet = process_fleet(PAIR)
     fleet.run_until_settled()
     terminal, keyboard = pty.openpty()
-    command = (sys.executable, "-m", "formation.deploy", "drive", "convoy", "-e", fleet._agents["leader"])
+    command = (sys.executable, "-m", "formation.deploy", "drive", PAIR, "-e", fleet._agents["leader"])
     with subprocess.Popen(command, stdin=keyboard) as driver:
         deadline = time.monotonic() + PATIENCE
         while not any("run" in one.text and "driven" in one.text for one in fleet.events):
@@ -75,7 +75,7 @@ def test_keys_drive_a_fleet_until_the_driver_is_killed(process_fleet: MakeProces
             os.write(terminal, b"i")
             fleet.run(0.05)
         driver.kill()
-    wait_for_state(fleet, "robot4", "hold")
+    wait_for_state(fleet, "robot2", "hold")
     os.close(terminal)
     os.close(keyboard)
 

@@ -14,6 +14,7 @@ from formation.protocol.status import AgentState
 from formation.ros2.messages import Pose
 from formation.wire import Now
 from tests.campaigns.safety.crossing import elsewhere
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
 from tests.unit.agent.test_clocks import set_clock
@@ -24,10 +25,8 @@ BOUND = MAX_ANSWER_DELAYS * MAX_DELAY
 """A message that answers is younger than this [s]."""
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2))])
-@pytest.mark.parametrize(
-    "late", [0.8, *(pytest.param(one, marks=pytest.mark.slow) for one in (1.2, 2.0)), 3.0]
-)
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
+@pytest.mark.parametrize("late", [0.8, *slow(1.2, 2.0, 3.0)])
 def test_robots_with_late_neighbours_hold_without_touching(late: float, seed: int) -> None:
     mission = elsewhere(SIX, np.random.default_rng(seed))
     fleet = Fleet(mission, seed=seed, delay=(late, late + 0.001))

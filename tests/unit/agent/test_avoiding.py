@@ -14,6 +14,7 @@ from formation.mission.model import Mission
 from formation.mission.route import Straight
 from formation.protocol.status import CollisionMode
 from formation.topics import POSITION
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.missions import team
 from tests.unit.agent.test_scanning import room
@@ -112,7 +113,7 @@ def test_a_robot_that_died_in_front_is_driven_round() -> None:
 @pytest.mark.parametrize("measurement", ["network", "local"])
 @pytest.mark.parametrize(
     ("speed", "top", "rate", "coasts"),
-    [(0.2, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.15), (0.28, 0.3, 5.0, 0.0)],
+    [(0.6, 0.8, 20.0, 0.15), (0.28, 0.3, 5.0, 0.0), *slow((0.2, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.0))],
 )
 def test_dead_robot_ahead_is_never_hit(
     speed: float, top: float, rate: float, coasts: float, measurement: str

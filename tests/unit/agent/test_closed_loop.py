@@ -12,6 +12,7 @@ from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
 from formation.simulation.simulate import simulate
 from formation.topics import BALLOT, ODOM, POSITION, SCAN
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
@@ -81,7 +82,7 @@ def test_lost_positions_do_not_keep_the_robots_from_formation(
     assert max(errors) < worst
 
 
-@pytest.mark.parametrize(("late", "bound"), [(0.0, 0.001), (0.02, 0.01)])
+@pytest.mark.parametrize(("late", "bound"), [*slow((0.0, 0.001)), (0.02, 0.01)])
 def test_robots_that_measure_displacements_themselves_form(late: float, bound: float) -> None:
     fleet = Fleet(with_robots("six_robots", measurement="local"))
     fleet.meddle = lambda sample: (
@@ -134,7 +135,7 @@ def test_hold_stops_all_and_run_moves_all_again() -> None:
     assert {fleet.status(name).reason.code for name in SIX.followers} == {Code.HELD_BY_LEADER}
     assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
     assert fleet.ask("robot1", "run").ok
-    fleet.run(10.0)
+    fleet.run(6.0)
     assert fleet.error() < SIX.settled
 
 

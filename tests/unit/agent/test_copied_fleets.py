@@ -25,4 +25,4 @@ def test_copied_fleets_do_the_same_as_a_new_one() -> None:
     for kind, name in ((Team, "turtlebot3_pair"), (Fleet, "patrol")):
         mission = load(name)
         new = events(kind(mission, loss=0.1).after(2.0))
-        assert [events(kind.under_way(mission, 2.0, loss=0.1)) for _ in range(3)] == [new] * 3
+        assert [events(kind.under_way(mission, 2.0, loss=0.1)) for _ in range(2)] == [new] * 2

@@ -9,6 +9,7 @@ import pytest
 
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
 from tests.unit.agent.wished import Wishes
@@ -23,7 +24,7 @@ def pair(*, feedback: bool, leader_speed: float = 0.05) -> Mission:
 
 def means(mission: Mission) -> tuple[float, float]:
     """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s]."""
-    fleet, wanted = Fleet(mission).after(20.0), list[float]()
+    fleet, wanted = Fleet(mission).after(15.0), list[float]()
     agent, before = fleet.agents["robot1"], len(fleet.commands["robot1"])
     law = agent._params.law
 
@@ -41,7 +42,7 @@ def means(mission: Mission) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     "leader_speed",
-    [0.0511, 0.0549, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.045, 0.05, 0.0599))],
+    [0.0549, *slow(0.045, 0.05, 0.0511, 0.0599)],
 )
 def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
     wanted, reported = means(pair(feedback=True, leader_speed=leader_speed))
@@ -49,9 +50,7 @@ def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
     assert reported == pytest.approx(wanted, rel=0.005)
 
 
-@pytest.mark.parametrize(
-    "leader_speed", [0.0549, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.045, 0.05, 0.0599))]
-)
+@pytest.mark.parametrize("leader_speed", [0.0549, *slow(0.045, 0.05, 0.0599)])
 def test_without_error_feedback_robot_is_too_slow(leader_speed: float) -> None:
     wanted, reported = means(pair(feedback=False, leader_speed=leader_speed))
     assert reported < 0.95 * wanted

@@ -17,6 +17,7 @@ from formation.protocol.reasons import Code
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import ODOM, POSE, POSITION
 from formation.wire import Sample
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.meddling import altered, lost
 from tests.support.missions import with_robots
@@ -70,7 +71,7 @@ def test_the_observer_does_not_read_the_orientation_that_the_camera_gives() -> N
     plain, twisted = Fleet(SEEN), Fleet(SEEN)
     twisted.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=1j))
     for fleet in (plain, twisted):
-        fleet.run(10.0)
+        fleet.run(5.0)
     assert plain.commands["robot1"] == twisted.commands["robot1"]
 
 
@@ -85,7 +86,7 @@ def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> Non
     assert fleet.error() < 0.01
 
 
-@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+@pytest.mark.parametrize("mission", [*slow(SEEN), MEASURED], ids=["observer", "measured"])
 def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) -> None:
     fleet = Fleet.under_way(mission, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position - 1j))
@@ -108,7 +109,7 @@ def test_measured_heading_comes_from_odometry_at_once() -> None:
     assert fleet.error() < 0.02
 
 
-@pytest.mark.parametrize("heading", ["observer", "measured"])
+@pytest.mark.parametrize("heading", ["observer", *slow("measured")])
 def test_rare_positions_do_not_spoil_heading(heading: str) -> None:
     # a ramp begins anew after each gap: it would hold back a robot that is stopped twice a second
     fleet = Fleet(with_robots("turtlebot3_pair", localisation="external", heading=heading, ramp=0.0))
@@ -156,7 +157,7 @@ def test_flipped_measured_heading_stops_robot() -> None:
     assert fleet.error() < 0.01
 
 
-@pytest.mark.parametrize("degrees", [110, 180, -140])
+@pytest.mark.parametrize("degrees", [110, *slow(180, -140)])
 def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) -> None:
     off = cmath.rect(1.0, math.radians(degrees))
     fleet = Fleet(MEASURED)
@@ -167,7 +168,7 @@ def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) ->
     assert fleet.plant("robot1").path < 0.5
 
 
-@pytest.mark.parametrize("degrees", [90, 180])
+@pytest.mark.parametrize("degrees", [90, *slow(180)])
 def test_a_measured_heading_needs_no_start_pose_to_agree_with(degrees: float) -> None:
     fleet = Fleet(MEASURED)
     fleet.plant("robot1").heading *= cmath.rect(1.0, math.radians(degrees))

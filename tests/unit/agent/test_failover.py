@@ -10,6 +10,7 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.mission.robot import Start
 from formation.wire import Sample
+from tests.support.examples import slow
 from tests.support.fleet import Fleet, Link
 from tests.unit.agent.sudden import most_sudden
 
@@ -47,7 +48,7 @@ def fleet() -> Iterator[Fleet]:
     assert fleet.within_limits
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(one, marks=pytest.mark.slow) for one in (0, 2, 3))])
+@pytest.mark.parametrize("seed", [1, *slow(0, 2, 3)])
 def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
     fleet = driving(seed=seed)
     last, time, died = fleet.leader.where(fleet.now), fleet.leader.route_time, fleet.now
@@ -167,7 +168,7 @@ def test_bad_links_neither_split_team_nor_change_leader(fleet: Fleet) -> None:
     fleet.links = {
         (one, other): Link(loss=0.3, delay=(0.0, 0.1), twice=0.2) for one in names for other in names
     }
-    fleet.run(10.0)
+    fleet.run(6.0)
     assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader"]
 
 

@@ -18,6 +18,7 @@ from formation.protocol.status import AgentState, MotionFault
 from formation.stability.losses import losing
 from formation.topics import ODOM, POSITION
 from formation.wire import Sample
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
 from tests.support.missions import team, teams, with_robots
@@ -108,9 +109,8 @@ LOSSES = [dead, stopped, held, without_odometry, blocked]
 @pytest.mark.parametrize(
     ("lose", "name"),
     [
-        *((lose, "robot1") for lose in LOSSES),
-        (blocked, "robot5"),
-        *(pytest.param(lose, "robot5", marks=pytest.mark.slow) for lose in LOSSES if lose is not blocked),
+        *((lose, "robot1") for lose in (dead, without_odometry, blocked)),
+        *slow((stopped, "robot1"), (held, "robot1"), *((lose, "robot5") for lose in LOSSES)),
     ],
 )
 def test_others_stay_in_formation_when_one_cannot_follow(

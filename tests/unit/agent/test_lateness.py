@@ -11,6 +11,7 @@ from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState
 from tests.campaigns.reliability.late import BOUNDED, FARTHEST, LINKS, SENSORS, dead_leader, late_sensor
+from tests.support.examples import slow
 from tests.support.fleet import Fleet, Link
 from tests.support.missions import with_robots
 
@@ -44,7 +45,7 @@ def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
     assert fleet.states == {AgentState.RUN}
 
 
-@pytest.mark.parametrize("words", LINKS)
+@pytest.mark.parametrize("words", ["links later by 1 s/s", *slow("links of 3 kB/s")])
 def test_robots_hold_soon_after_the_leader_dies_behind_slow_links(words: str) -> None:
     assert dead_leader(PAIR, LINKS[words], seed=1) <= BOUNDED
 

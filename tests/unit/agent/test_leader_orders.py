@@ -9,6 +9,7 @@ import pytest
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import Motion, PositionAttachment
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.missions import team
 from tests.support.signed import SignedFleet
@@ -39,7 +40,7 @@ def test_ordered_velocity_more_than_halves_the_error_at_a_corner() -> None:
     assert greatest_error(Fleet(mission("velocity")), 7.9, 1.0) < 0.45 * before
 
 
-@pytest.mark.parametrize("use", ["velocity", "place"])
+@pytest.mark.parametrize("use", [*slow("velocity"), "place"])
 def test_robots_form_with_ordered_velocity_and_place(use: str) -> None:
     fleet = Fleet(mission(use, TURNING)).after(10.0)
     assert fleet.error() < 0.005

@@ -394,7 +394,7 @@ def test_team_without_start_marks_forms_behind_a_localiser() -> None:
 
 def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
     """What the localiser told of the count before says nothing of the new one."""
-    fleet = Fleet(PAIR).after(12.0)
+    fleet = Fleet.under_way(PAIR, 12.0)
     agent, plant = fleet.agents["robot1"], fleet.world.plant("robot1")
     assert isinstance(plant, Plant)
     before = abs(agent.here.state.position - plant.position)
@@ -440,7 +440,7 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
 
 def test_robot_holds_after_odometry_restarted_across_gap() -> None:
     """It was carried meanwhile, and goes on once the localiser tells where it is."""
-    fleet, odom, amcl = Fleet(PAIR).after(12.0), ODOM.key("robot1"), AMCL_POSE.key("robot1")
+    fleet, odom, amcl = Fleet.under_way(PAIR, 12.0), ODOM.key("robot1"), AMCL_POSE.key("robot1")
     fleet.meddle = lambda sample: () if sample.key in {odom, amcl} else (sample,)
     fleet.run(2.0)
     agent, plant = fleet.agents["robot1"], fleet.plant("robot1")

@@ -18,6 +18,7 @@ from formation.protocol.status import Localised
 from formation.ros2.messages import Odometry
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
+from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.meddling import altered
 from tests.support.missions import with_robots
@@ -160,14 +161,14 @@ def test_world_frame_position_follows_odometry_after_jump() -> None:
     assert here.alignment is Localised.ODOMETRY_WORLD
 
 
-@pytest.mark.parametrize("mission", [PAIR, pytest.param(SIX, marks=pytest.mark.slow)], ids=["pair", "six"])
+@pytest.mark.parametrize("mission", [PAIR, *slow(SIX)], ids=["pair", "six"])
 def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
     fleet = Fleet(mission).after(20.0)
     assert fleet.error() < 0.02
     assert all(agent.here.state.jumps == 0 for agent in fleet.agents.values())
 
 
-@pytest.mark.parametrize("heading", ["observer", "measured"])
+@pytest.mark.parametrize("heading", ["observer", *slow("measured")])
 def test_odometry_reset_stops_robot_and_resumes_without_lurch(heading: str) -> None:
     fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading)).after(20.0)
     reset_odometry(fleet.world.plant("robot1"))
@@ -203,20 +204,20 @@ def test_robot_with_doubtful_position_publishes_none() -> None:
     gaps = sorted(after - before for before, after in itertools.pairwise(received))
     assert 0.15 < gaps[-1] < 0.35
     assert gaps[-2] < 0.1
-    fleet.run(10.0)
+    fleet.run(5.0)
     assert fleet.error() < 0.05
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2, 3))])
+@pytest.mark.parametrize("seed", [0, *slow(1, 2, 3)])
 def test_lossy_odometry_while_turning_is_no_jump(seed: int) -> None:
     dice, fleet = random.Random(seed), Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
     fleet.meddle = lambda sample: (
         () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
     )
-    fleet.run(20.0)
+    fleet.run(12.0)
     assert fleet.agents["robot1"].here.state.jumps == 0
     fleet.meddle = lambda sample: (sample,)
-    fleet.run(10.0)
+    fleet.run(8.0)
     assert fleet.error() < 0.03
 
 

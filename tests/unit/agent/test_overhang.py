@@ -57,7 +57,7 @@ def facing(*, mode: str, passes: bool, seen: str = TOWER) -> Mission:
     )
 
 
-def nearest(fleet: Fleet, seconds: float = 30.0) -> float:
+def nearest(fleet: Fleet, seconds: float = 20.0) -> float:
     """Least distance between the two bodies [m]."""
     least = float("inf")
     for _ in fleet.every(0.05, seconds):
@@ -74,13 +74,13 @@ def test_robots_pass_bodies_wider_than_what_is_seen() -> None:
 
 def test_zone_stops_before_a_body_wider_than_what_is_seen() -> None:
     fleet = Fleet(facing(mode="off", passes=False))
-    assert 0.04 < nearest(fleet, 15.0) < 0.15
+    assert 0.04 < nearest(fleet, 10.0) < 0.15
     assert fleet.status("robot1").zone == "stop"
 
 
 def test_zone_is_as_before_where_bodies_are_seen() -> None:
     fleet = Fleet(facing(mode="off", passes=False, seen=""))
-    assert 0.04 < nearest(fleet, 15.0) < 0.1
+    assert 0.04 < nearest(fleet, 10.0) < 0.1
 
 
 @pytest.mark.parametrize(("seen", "warns"), [("", True), (TOWER, False)])

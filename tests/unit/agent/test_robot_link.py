@@ -47,7 +47,7 @@ def test_disconnected_robot_gets_zero_and_status_gives_reason(
     agent.aware(surroundings)
     fleet.run(2.0)
     assert set(fleet.commands_since("robot1", 3.06)) == {AT_REST}
-    result = fleet._published["robot1"].statuses[0]
+    result = fleet.reported("robot1")
     assert result.level == 1
     assert fleet.status("robot1").reason == Reason(reason)
     assert fleet.status("robot1").link is link
@@ -89,7 +89,7 @@ def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
     agent.aware(LOST)  # nothing is published there, so nobody can be seen to listen
     fleet.run(10.0)
     result = fleet.status("robot1")
-    assert fleet._published["robot1"].statuses[0].level == 1
+    assert fleet.reported("robot1").level == 1
     assert (result.state, result.readonly) == (AgentState.RUN, True)
     assert result.reason == Reason(Code.RUNNING)
     assert fleet.message("robot1").startswith("readonly: would run: ")

@@ -19,6 +19,7 @@ from formation.ros2.messages import LaserScan, decode
 from formation.sensing.scan import Circle, Mate
 from formation.topics import SCAN
 from formation.wire import Now, Sample
+from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
 from tests.support.missions import team
@@ -74,11 +75,13 @@ def _from_wall(here: complex, begin: complex, end: complex) -> float:
     "robot",
     [
         {},
-        pytest.param({"odometry_frame": "start"}, marks=pytest.mark.slow),
+        *slow({"odometry_frame": "start"}),
         {"measurement": "local"},
-        pytest.param({"localisation": "external"}, marks=pytest.mark.slow),
-        {"localisation": "external", "heading": "measured"},
-        {"avoid": "all", "scanner": "optional"},
+        *slow(
+            {"localisation": "external"},
+            {"localisation": "external", "heading": "measured"},
+            {"avoid": "all", "scanner": "optional"},
+        ),
     ],
     ids=["odometry", "start frame", "local", "external", "external, measured", "optional"],
 )
@@ -105,7 +108,10 @@ def test_six_robots_pass_posts_and_wall_and_reform(seed: int) -> None:
 # Protective zones ask nobody
 
 
-@pytest.mark.parametrize(("mode", "law"), [("warn", "field"), ("off", "field"), ("on", "paper")])
+@pytest.mark.parametrize(
+    ("mode", "law"),
+    [*slow(("warn", "field")), ("off", "field"), ("on", "paper")],
+)
 def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> None:
     robot = {"scanner": "optional", "localisation": "external", "heading": "measured"}
     fleet = Fleet(with_mode(among(team(ALONE, None, **robot), ACROSS), mode), law=law)
@@ -200,7 +206,11 @@ def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.Monkey
     assert room(fleet, 10.0) > 0.0
 
 
-@pytest.mark.parametrize("when", [0.0, 6.0], ids=["from the beginning", "on the way"])
+@pytest.mark.parametrize(
+    "when",
+    [*slow(0.0), 6.0],
+    ids=["from the beginning", "on the way"],
+)
 def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     mission = team(IN_FILE, scanner="required", avoid="all")
     in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}

@@ -57,11 +57,17 @@ def holds(fleet: Fleet, robot: str, code: Code) -> bool:
 
 @pytest.mark.parametrize("robots", [TRIANGLE, pytest.param((), marks=pytest.mark.slow)], ids=["three", "six"])
 def test_seeing_robots_keep_true_relative_positions(robots: tuple[str, ...]) -> None:
-    seeing = fleet_of(hexagon(simulated=DRIFT, robots=robots)).after(25.0)
-    assert worst(seeing, 10.0) < 0.03
+    seeing = fleet_of(hexagon(simulated=DRIFT, robots=robots)).after(20.0)
+    assert worst(seeing, 5.0) < 0.03
     assert seeing.states == {AgentState.RUN}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robots", [TRIANGLE, ()], ids=["three", "six"])
+def test_robots_that_trust_odometry_drift_apart(robots: tuple[str, ...]) -> None:
+    """So the test above would fail if robots did not see each other."""
     trusting = fleet_of(hexagon(simulated=DRIFT, robots=robots, measurement="network")).after(25.0)
-    assert shape_error(trusting.after(10.0)) > 0.08
+    assert shape_error(trusting) > 0.05
 
 
 def test_robots_stand_until_they_see() -> None:
@@ -113,7 +119,7 @@ def contradicted(fleet: Fleet, robot: str) -> None:
     fleet.run(4.0)
     assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
     assert not fleet.agents[robot].perception.placed(fleet.moment)  # type: ignore[union-attr]
-    fleet.run(10.0)
+    fleet.run(5.0)
     assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
 
 
@@ -137,7 +143,7 @@ def test_robot_behind_a_board_goes_on() -> None:
     assert ranging is not None
     ahead = fleet.plant("robot7").position + 0.4j
     ranging._walls = ((ahead - 0.4, ahead + 0.4),)
-    fleet.run(20.0)
+    fleet.run(10.0)
     assert fleet.agents["robot7"].decision.state is AgentState.RUN
     assert fleet.status("robot7").sight is Sight.RECKONING
 

@@ -257,7 +257,7 @@ def outside_states(agent: Agent) -> dict[str, Any]:
 def test_only_states_change_in_a_run(mission: Mission) -> None:
     fleet = Fleet(mission)
     fresh = {name: outside_states(agent) for name, agent in fleet.agents.items()}
-    fleet.run(3.0)
+    fleet.run(2.0)
     for name in fleet.agents:
         fleet.ask(name, "hold")
     fleet.order_shape(next(iter(mission.shapes)))

@@ -18,7 +18,7 @@ AT_REST = (0.0, 0.0)
 def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.freeze("robot4")
-    fleet.run(5.0)
+    fleet.run(2.5)
     if leader_dies:
         fleet.kill("leader")
         fleet.run(0.3)

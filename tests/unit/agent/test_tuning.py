@@ -19,6 +19,7 @@ from formation.mission.model import Mission
 from formation.protocol.order import Order, Tuned, decode
 from formation.wire import BadMessage, Now
 from tests.campaigns.safety.gains import changed, limited, tune
+from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.restarting import driving
@@ -134,7 +135,7 @@ def test_new_and_disconnected_agents_reach_same_gains() -> None:
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(1.0)
     fleet.restart("robot4")
-    fleet.run(6.0)
+    fleet.run(4.0)
     assert in_force(fleet) == {(3.0, 0.5)}
     assert (fleet.status("robot4").k_p, fleet.status("robot4").k_i) == (3.0, 0.5)
     assert tune(fleet, k_p=SIX.gains.k_p, k_i=0.0).ok
@@ -144,11 +145,11 @@ def test_new_and_disconnected_agents_reach_same_gains() -> None:
 
 
 def test_gains_survive_the_leader_that_ordered_them() -> None:
-    fleet = Fleet(PATROL, seed=2).after(5.0)
+    fleet = Fleet(PATROL, seed=2).after(3.0)
     assert tune(fleet, k_p=3.0).ok
     fleet.run(0.3)
     fleet.kill("leader")
-    fleet.run(6.0)
+    fleet.run(4.0)
     assert fleet.leader_terms[-1].name != "leader"
     assert in_force(fleet) == {(3.0, 0.0)}
     assert fleet.in_charge.plan.gains == Tuned(k_p=3.0, k_i=0.0)
@@ -169,7 +170,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
     assert after.state.integral != 0j
 
 
-@pytest.mark.parametrize("law", ["field", "paper", pytest.param("proportional", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("law", ["field", *slow("paper", "proportional")])
 def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) -> None:
     fleet = RecordedFleet.under_way(SIX, 2.0, law=law, loss=0.1)
     assert tune(fleet, k_p=3.0, k_i=0.5).ok

@@ -40,8 +40,8 @@ COMMAND = CMD_VEL.key("robot3")
 
 @cache
 def recording() -> Recording:
-    """Of six robots in their first 8 s."""
-    return RecordedFleet(SIX).after(8.0).record
+    """Of six robots in their first 6 s."""
+    return RecordedFleet(SIX).after(6.0).record
 
 
 def until(seconds: float) -> Recording:
@@ -114,7 +114,7 @@ GAINS = {
 
 @pytest.mark.parametrize(("old", "new"), GAINS.values(), ids=GAINS)
 def test_with_one_number_changed_the_first_command_that_differs_is_named(old: str, new: str) -> None:
-    verdicts = verify(changed(old, new), until(4.0))
+    verdicts = verify(changed(old, new), until(2.5))
     firsts = [one.first for one in verdicts.values() if one.first is not None]
     assert firsts
     first = min(firsts, key=lambda one: one.wall)
@@ -265,7 +265,7 @@ def test_verification_retains_only_a_few_seconds() -> None:
     start, kept = recording()[0][1], list[int]()
     for hour in range(3):
         for sample, wall in recording():
-            verification.process_sample(sample, wall + 8.0 * hour)
+            verification.process_sample(sample, wall + 6.0 * hour)
             kept.append(len(verification._buffer._found))
     a_second = len(without(recording(), lambda _, wall: wall > start + 1.0))
     assert max(kept) < (replica.MAX_STORED_TIME + core.MAX_INPUT_DELAY + 1.0) * a_second
@@ -314,9 +314,9 @@ def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
         return step(now, inbox)
 
     fleet.loop("robot3").step = both  # type: ignore[method-assign]
-    fleet.run(3.0)
+    fleet.run(2.0)
     one = verify(SIX, fleet.record)["robot3"]
-    assert one.commands > 150
+    assert one.commands > 110
     assert one.exact == one.commands
 
 
@@ -350,7 +350,7 @@ def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> No
     name = mission.followers[0]
     agent = Agent(mission, name, readonly=True, publisher_id="looks")
     fleet.nodes[name].core = Looped(agent, fleet.record)
-    fleet.run(6.0)
+    fleet.run(3.0)
     assert all_alike(verify(mission, fleet.record))
 
 

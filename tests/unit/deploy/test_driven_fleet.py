@@ -10,6 +10,7 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import read
+from tests.support.examples import slow
 from tests.support.missions import with_keys
 
 STAND_SECONDS = 0.5
@@ -40,14 +41,14 @@ def test_all_robots_stand_soon_after_letting_go(rehearsed_fleet: MakeRehearsed, 
     fleet.run(STAND_SECONDS)
     assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
     places = [fleet.position(name) for name in fleet.mission.followers]
-    fleet.run(20.0 if forward > 0.0 else 5.0)
+    fleet.run(8.0 if forward > 0.0 else 5.0)
     moved = [
         abs(fleet.position(name) - place) for name, place in zip(fleet.mission.followers, places, strict=True)
     ]
     assert max(moved) < 0.005
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *slow(1)])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_all_robots_stand_soon_after_a_failure(
     rehearsed_fleet: MakeRehearsed, failure: str, seed: int

@@ -17,9 +17,10 @@ from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
 from formation.stability.crowding import rows
 from tests.campaigns.safety.missions import faults, made
+from tests.support.examples import slow
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
-SAMPLE = (3, 4, 7, *(pytest.param(robots, marks=pytest.mark.slow) for robots in (16, 50)))
+SAMPLE = (7, *slow(3, 4, 16, 50))
 """Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""
 
 
@@ -41,9 +42,7 @@ def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, 
     assert own.nearest.min() > 0.0
 
 
-@pytest.mark.parametrize(
-    "shape", ["wedge", *(pytest.param(one, marks=pytest.mark.slow) for one in SHAPES if one != "wedge")]
-)
+@pytest.mark.parametrize("shape", ["wedge", *slow(*(one for one in SHAPES if one != "wedge"))])
 def test_a_mission_is_there_and_what_to_type_next_works(shape: str, capsys: Capsys) -> None:
     out = output_of(capsys, ["new", shape, "--robots", "7", "--out", "it's mine.toml"])
     lines = [shlex.split(line) for line in out.splitlines() if line.startswith("  formation ")]

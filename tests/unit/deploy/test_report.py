@@ -9,6 +9,7 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.recordings import report
+from formation.monitor.report import figures
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, record, talk
 from tests.unit.deploy.commands import Capsys, output_of, refused
@@ -66,8 +67,9 @@ def test_two_recordings_are_compared_and_their_figures_kept_apart(
 
 
 def test_a_cut_recording_is_reported_and_said_to_be_cut(
-    recording: Path, tmp_path: Path, capsys: Capsys
+    recording: Path, tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
     cut = tmp_path / "cut.mcap"
     data = recording.read_bytes()
     cut.write_bytes(data[: 2 * len(data) // 3])

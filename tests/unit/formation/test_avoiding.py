@@ -70,6 +70,7 @@ def test_warn_and_off_modes_avoid_nothing(mode: str) -> None:
     assert np.array_equal(driven(crossing).error, driven(crossing, ALONE).error)
 
 
+@pytest.mark.slow
 def test_printed_law_avoids_no_robot() -> None:
     crossing = scenarios.exchanged(SIX)
     both = [simulate(crossing, law="paper", horizon=10.0, options=one) for one in (Options(), ALONE)]

@@ -79,6 +79,7 @@ def test_each_broken_assumption_is_named(mission: Mission, says: str) -> None:
     assert says in " ".join(found.broken)
 
 
+@pytest.mark.usefixtures("paper_law_not_simulated")
 def test_unstable_mission_has_no_certificate() -> None:
     found = analyse(scenarios.ring(12, k_p=2.0), law="paper")
     assert not found.stable

@@ -34,6 +34,7 @@ def test_margin_below_slot_room_is_accepted(margin: float) -> None:
     assert list(problems(scenarios.clearing(SIX, margin=margin))) == []
 
 
+@pytest.mark.usefixtures("paper_law_not_simulated")
 @pytest.mark.parametrize(
     ("margin", "others"), [(0.75, " (and 3 other pairs)"), (0.9, " (and 10 other pairs)")]
 )
@@ -157,6 +158,7 @@ def test_the_distance_of_two_ways(one: Segment, other: Segment, distance: float)
     assert between(one, other) == pytest.approx(distance)
 
 
+@pytest.mark.usefixtures("paper_law_not_simulated")
 def test_check_warns_of_crossing_ways_without_avoiding() -> None:
     crossing = scenarios.exchanged(FILE, avoid=())
     assert unavoided(crossing) == (("robot2", "robot3"), ("robot2", "robot4"), ("robot3", "robot4"))
@@ -175,6 +177,7 @@ def test_no_warning_without_collision_avoidance() -> None:
     assert unavoided(scenarios.exchanged(FILE, avoid=(), mode="off")) == ()
 
 
+@pytest.mark.usefixtures("paper_law_not_simulated")
 def test_printed_law_warns_that_it_avoids_none() -> None:
     result = "the paper law has no collision filter: robots do not avoid each other"
     assert result in analyse(SIX, "paper").warnings

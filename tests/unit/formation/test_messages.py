@@ -37,6 +37,7 @@ from formation.ros2.messages import (
 )
 from formation.ros2.ros import BY_TYPE
 from formation.topics import TABLE
+from tests.support.examples import slow
 from tests.support.mutations import mutated
 from tests.unit.formation import by_rosbags
 from tests.unit.formation.examples import CLASSES, EXAMPLES, NOW, ODOMETRY, read, same
@@ -172,7 +173,7 @@ def test_so_it_has_with_names_of_any_length(length: int) -> None:
 
 
 @pytest.mark.parametrize("cls", CLASSES)
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
+@pytest.mark.parametrize("seed", [0, *slow(1, 2, 3)])
 def test_whatever_the_bytes_rosbags_would_read_the_same(cls: type[Any], seed: int) -> None:
     rng, accepted = random.Random(seed), 0
     corpus = [CORPUS[cls], *CORPUS.values(), CORPUS[cls], CORPUS[cls]]

@@ -19,6 +19,7 @@ from formation.control.ramp import MAX_CHANGE_SHARE, Ramp, slewed
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.simulation.simulate import simulate
+from tests.support.examples import slow
 from tests.unit.formation import scenarios
 from tests.unit.formation.planar import headings, vectors
 
@@ -135,7 +136,7 @@ def test_no_ramp_is_no_ramp() -> None:
     assert not np.array_equal(first, simulate(SIX, horizon=5.0).error)
 
 
-@pytest.mark.parametrize("law", ["field", pytest.param("proportional", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("law", ["field", *slow("proportional")])
 def test_robots_settle_with_filter_and_ramp(law: str) -> None:
     result = simulate(scenarios.clearing(SIX), law=law, runs=40, horizon=60.0)
     assert result.converged.all()

@@ -91,6 +91,7 @@ def one_by_one(
     return position
 
 
+@pytest.mark.slow
 def test_same_seed_gives_both_laws_same_starts() -> None:
     paper, field, other = (
         simulate(SIX, runs=5, seed=seed, law=law, horizon=0.1)
@@ -192,11 +193,10 @@ def test_where_nothing_converged_settling_times_are_null() -> None:
 
 
 def test_a_run_has_to_stay_settled_for_the_dwell_time() -> None:
-    mission = load("six_robots")
-    settled = float(simulate(mission, law="paper", horizon=60.0).settling_time[0])
+    mission = scenarios.six(gain=0.2)
+    settled = float(simulate(mission, horizon=60.0).settling_time[0])
     soon, late = (
-        simulate(mission, law="paper", horizon=settled + DWELL_TIME + more).settling_time[0]
-        for more in (-1.0, 1.0)
+        simulate(mission, horizon=settled + DWELL_TIME + more).settling_time[0] for more in (-1.0, 1.0)
     )
     assert settled > DWELL_TIME
     assert math.isnan(soon)

@@ -23,6 +23,7 @@ SIX = scenarios.six()
 # Theory's table. `python -m tests.campaigns.bench.table` makes all of it with 400 starts.
 
 
+@pytest.mark.slow
 def test_six_robots_settle_six_times_as_fast_by_the_field_law() -> None:
     paper = simulate(SIX, runs=200, law="paper", horizon=90.0)
     field = simulate(SIX, runs=200, law="field", horizon=30.0)
@@ -34,6 +35,7 @@ def test_six_robots_settle_six_times_as_fast_by_the_field_law() -> None:
     assert scenarios.median(paper) > 7.0 * scenarios.median(field)
 
 
+@pytest.mark.slow
 def test_field_law_settles_turtlebot_pair_six_times_faster() -> None:
     pair = scenarios.pair()
     paper = simulate(pair, runs=200, law="paper", horizon=90.0)
@@ -53,6 +55,7 @@ def test_near_limit_only_field_law_settles_from_everywhere() -> None:
     assert scenarios.median(field) < 48.7 * 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("delay", "paper_errs", "field_errs"),
     [(0.0, (3.6, 19.0, 45.0), (0.08, 0.38, 0.84)), (0.1, (4.4, 23.0, 55.0), (0.13, 0.7, 1.5))],
@@ -71,6 +74,7 @@ def test_on_a_circle_the_field_law_errs_fifty_times_less(
             assert law == "field" or errs[hop] > 0.9 * most
 
 
+@pytest.mark.slow
 def test_behind_a_straight_leader_late_samples_cost_the_field_law_nothing() -> None:
     mission, late = scenarios.straight_chain(), Options(delay=0.1)
     errs = {
@@ -145,11 +149,13 @@ def test_sensor_on_the_robot_has_neither_delay_nor_loss() -> None:
     assert clean.converged.all()
 
 
+@pytest.mark.slow
 def test_equation_7_as_it_stands_fails_from_most_starts() -> None:
     printed = Options(measurement="local", normalised=False)
     assert simulate(SIX, runs=60, law="paper", options=printed, horizon=90.0).converged.mean() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "bound"), [(0.001, 0.0036), (0.005, 0.018), (0.02, 0.045)])
 def test_noise_leaves_less_than_with_the_paper_law(noise: float, bound: float) -> None:
     noisy = Options(body=Body(position_noise=noise))

@@ -156,11 +156,11 @@ def test_standby_takes_over_standing() -> None:
 def test_leader_stops_at_the_bounds() -> None:
     leader = leading(load("convoy").changed(bounds=None))
     driver = Driver(leader)
-    driver.hold_stick(0.1, 200.0, 0.2)
+    driver.hold_stick(0.1, 140.0, 0.2)
     assert leader.plan.fenced is not None
     place = leader.plan.where()
     assert place.real < 20.0
-    driver.hold_stick(200.2, 5.0, -0.2)
+    driver.hold_stick(140.2, 5.0, -0.2)
     assert leader.plan.where().real < place.real
 
 

@@ -14,6 +14,7 @@ from formation.mission.file import read
 from formation.monitor.report import figures, words
 from formation.monitor.report.page import ReportedRun, inline, page
 from formation.monitor.report.summary import differences
+from tests.support.examples import slow
 from tests.support.missions import edited
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk
@@ -68,6 +69,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have pages without pictures, which take most of the time."""
+    monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
+
+
 @pytest.fixture(scope="module")
 def one(folder: Path) -> str:
     return page(
@@ -80,25 +87,27 @@ def two(folder: Path) -> str:
     return page([ReportedRun(gathered(folder / f"{law}.mcap"), law) for law in ("field", "paper")])
 
 
-def test_a_page_loads_nothing_repeats_no_id_and_names_every_picture(one: str, two: str) -> None:
-    for text in (one, two):
-        read = Read(text)
-        assert read.loads == []
-        assert {name for name, times in read.ids.items() if times > 1} == set()
-        assert all(len(label) > 20 for label in read.images)
-        assert read.heads[0] == "h1"
-        assert read.heads.count("h1") == 1
-        assert not re.search(r"<script|@import|https?://(?!www\.w3\.org)", text)
-        assert set(re.findall(r"url\((?!#)", text)) == set()
-    assert len(Read(one).images) == 8
-    assert len(Read(two).images) == 1 + 2 * 6 + 2
+IMAGES = {"one": 8, "two": 1 + 2 * 6 + 2}
+"""Pictures on the page of one run, and of two."""
 
 
-def test_a_picture_uses_only_what_it_defines(one: str, two: str) -> None:
-    for text in (one, two):
-        used = set(re.findall(r'(?:xlink:href="|url\()#([^")]+)', text))
-        assert used
-        assert used <= set(Read(text).ids)
+@pytest.mark.parametrize("runs", ["one", *slow("two")])
+def test_a_page_loads_nothing_repeats_no_id_and_names_every_picture(
+    runs: str, request: pytest.FixtureRequest
+) -> None:
+    text = request.getfixturevalue(runs)
+    read = Read(text)
+    assert read.loads == []
+    assert {name for name, times in read.ids.items() if times > 1} == set()
+    assert all(len(label) > 20 for label in read.images)
+    assert read.heads[0] == "h1"
+    assert read.heads.count("h1") == 1
+    assert not re.search(r"<script|@import|https?://(?!www\.w3\.org)", text)
+    assert set(re.findall(r"url\((?!#)", text)) == set()
+    assert len(read.images) == IMAGES[runs]
+    used = set(re.findall(r'(?:xlink:href="|url\()#([^")]+)', text))
+    assert used
+    assert used <= set(read.ids)
 
 
 def test_a_page_tells_all_there_is_to_tell(one: str) -> None:
@@ -117,7 +126,9 @@ def test_text_in_pictures_stays_text_and_follows_the_pages_colours(one: str) -> 
     assert "#000000" not in one
 
 
-def test_two_runs_stand_beside_each_other_with_their_ratio(two: str) -> None:
+@pytest.mark.usefixtures("no_pictures")
+def test_two_runs_stand_beside_each_other_with_their_ratio(folder: Path) -> None:
+    two = page([ReportedRun(gathered(folder / f"{law}.mcap"), law) for law in ("field", "paper")])
     assert "A: six-robots, field law" in two
     assert "B: six-robots, paper law" in two
     assert "ratio B : A" in two
@@ -125,10 +136,8 @@ def test_two_runs_stand_beside_each_other_with_their_ratio(two: str) -> None:
     assert "not known: no ground truth was recorded" in two
 
 
-def test_other_missions_are_named_where_they_differ(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
+@pytest.mark.usefixtures("no_pictures")
+def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path) -> None:
     record(tmp_path / "other.mcap", talk(Fleet(), 2.0), edited(TEXT, "law", "k_p = 3.0"))
     runs = [gathered(folder / "field.mcap"), gathered(tmp_path / "other.mcap")]
     assert differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
@@ -155,15 +164,18 @@ def test_what_a_robot_says_cannot_become_part_of_the_page(tmp_path: Path) -> Non
 
 
 def test_pages_of_runs_of_which_little_is_known_are_made(tmp_path: Path) -> None:
+    reported = talk(Fleet(), 1.0)
     for name, result in {
         "empty": [],
-        "unknown": [sample for sample in talk(Fleet(), 2.0) if "robot3" not in sample.key],
-        "one": talk(Fleet(), 2.0)[:1],
+        "unknown": [sample for sample in reported if "robot3" not in sample.key],
+        "one": reported[:1],
     }.items():
         record(tmp_path / f"{name}.mcap", result)
-        Read(page([ReportedRun(gathered(tmp_path / f"{name}.mcap"), "")]))
-    runs = [gathered(tmp_path / f"{name}.mcap") for name in ("empty", "unknown")]
-    Read(page([ReportedRun(run, "") for run in runs]))
+    one, *both = (
+        ReportedRun(gathered(tmp_path / f"{name}.mcap"), "") for name in ("one", "empty", "unknown")
+    )
+    Read(page([one]))
+    Read(page(both))
 
 
 def test_an_inlined_figure_has_ids_of_its_own() -> None:

@@ -45,7 +45,7 @@ def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_tr
 
 def test_convoy_finds_its_robots_by_what_stands_at_their_scanners() -> None:
     fleet = RehearsedFleet("convoy", world="mujoco")
-    fleet.run(10.0)
+    fleet.run(6.0)
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
 
 
