@@ -25,11 +25,12 @@
 | wait | a leader waits for a robot no longer than its patience |
 | led | some time after the last fault every robot receives a leader |
 | detour | a robot that stands off its slot for ten seconds, though it may drive, takes a detour |
+| brake | a command uses up at most half of the room to another robot while it may last |
 | steps | rounding to a robot's steps adds up to no more than two steps |
 | bounds | without faults of sensors every robot stays within the mission's bounds |
 | formation | after the last fault all robots run, none is unavailable, and the formation settles in time |
 
-That time is `RECOVERY_TIME`; without faults it is what the longest way at top speed takes, times a factor.
+That time is `RECOVERY_TIME`; without faults and obstacles four times what the longest way at top speed takes.
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
 the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
@@ -53,6 +54,7 @@ from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.answers import Answers
+from formation.deploy.rehearsal.braking import Braking
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.following import Following
@@ -100,6 +102,7 @@ RULES = (
     "wait",
     "led",
     "detour",
+    "brake",
     "steps",
     "touch",
     "bounds",
@@ -197,7 +200,8 @@ class Judge:
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
-        self._settling_time = _settling_time(mission) if fleet.air.undisturbed else RECOVERY_TIME
+        free = fleet.air.undisturbed and not (mission.simulation.posts or mission.simulation.walls)
+        self._settling_time = _settling_time(mission) if free else RECOVERY_TIME
         self._only_mixed = {one.kind for one in faults} == {"mixed"}
         self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
@@ -220,6 +224,7 @@ class Judge:
             self._leading.look,
         )
         self._standing = Standing(fleet, self._tell)
+        self._braking = Braking(fleet, max_delay, self._tell)
         self._answers = Answers(fleet, self._tell)
         self._rounding = Rounding(mission, self._tell)
         fleet.local.watchers.append(self._command)
@@ -435,6 +440,7 @@ class Judge:
         self._places.look(discs, touches=self._sees_truly)
         if self._no_touch:
             self._standing.look(discs)
+            self._braking.look(discs)
         for name, here, _ in discs:
             before, path = self._paths.get(name, (here, 0.0))
             self._paths[name] = here, path + abs(here - before)

@@ -123,7 +123,11 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("leader:jitter=0.5@4+8"),
     ),
     "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
-    "slow": (_trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"), _trio("robot2:slow=0.2@5+8")),
+    "slow": (
+        _trio("robot2:slow=0.12@0.3+8"),
+        _trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"),
+        _trio("robot2:slow=0.2@5+8"),
+    ),
     "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
     "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
     "carried": (
@@ -185,6 +189,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     ),
     "posts": (
         Plan("posts"),
+        Plan("posts", seconds=20.0),
         Plan("posts", faults=("robot1:scan_frozen@8+8",)),
         Plan("posts", faults=("robot1:scan_late=1@8+8",)),
         Plan("posts_unfiltered", faults=("robot1:unwatched@1",)),

@@ -16,7 +16,8 @@ from formation.agent.pose.motion_check import MotionCheck
 from formation.agent.pose.stream import Stream
 from formation.agent.safety import failsafe
 from formation.agent.safety.scanner import Scanner
-from formation.control import avoidance
+from formation.control import avoidance, pipeline
+from formation.control.unicycle import AT_REST
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.received import Newest, OrdersReceived
@@ -190,17 +191,12 @@ def test_blocked_robots_that_take_no_detour_are_found(monkeypatch: pytest.Monkey
 
 def test_rounding_that_adds_up_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def forgetful(quantiser: Any, wanted: Any, _: Any) -> tuple[Any, Any]:
-        return honest(quantiser, wanted, type(wanted)(0.0, 0.0))
+        rounded: tuple[Any, Any] = honest(quantiser, wanted, AT_REST)
+        return rounded
 
-    honest = part_of_pipeline().quantise
-    monkeypatch.setattr(part_of_pipeline(), "quantise", forgetful)
+    honest = pipeline.quantise
+    monkeypatch.setattr(pipeline, "quantise", forgetful)
     assert "steps" in broken(PAIR)
-
-
-def part_of_pipeline() -> Any:
-    from formation.control import pipeline
-
-    return pipeline
 
 
 def test_team_without_leader_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
