@@ -16,7 +16,8 @@ from formation.agent.pose.motion_check import MotionCheck
 from formation.agent.pose.stream import Stream
 from formation.agent.safety import failsafe
 from formation.agent.safety.scanner import Scanner
-from formation.control import avoidance, pipeline
+from formation.control import avoidance
+from formation.control.quantiser import quantise
 from formation.control.unicycle import AT_REST
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import Fleet
@@ -189,13 +190,20 @@ def test_blocked_robots_that_take_no_detour_are_found(monkeypatch: pytest.Monkey
     assert "detour" in broken(BLOCKED, *faults)
 
 
+def test_robots_that_do_not_brake_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    crowd = load(MISSIONS / "crowd.toml")
+    monkeypatch.setattr(avoidance, "brake", lambda wanted, *_: wanted)
+    monkeypatch.setattr("formation.control.pipeline.brake", lambda wanted, *_: wanted)
+    assert "brake" in broken(crowd)
+
+
 def test_rounding_that_adds_up_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def forgetful(quantiser: Any, wanted: Any, _: Any) -> tuple[Any, Any]:
         rounded: tuple[Any, Any] = honest(quantiser, wanted, AT_REST)
         return rounded
 
-    honest = pipeline.quantise
-    monkeypatch.setattr(pipeline, "quantise", forgetful)
+    honest = quantise
+    monkeypatch.setattr("formation.control.pipeline.quantise", forgetful)
     assert "steps" in broken(PAIR)
 
 
