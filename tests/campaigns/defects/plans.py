@@ -85,6 +85,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("leader:clock=90@1+6", "leader:reset@7+0.3"),
     ),
     "leaderlate": (
+        _trio("robot1:late=0.5@5+6"),
         _trio("leader:late=0.5@5+6"),
         _trio("leader:loss=0.5@5+8"),
         Plan("measured", faults=("robot1:late=0.5@5+8",)),
