@@ -8,7 +8,7 @@ from typing import NamedTuple
 from formation.agent.core import Agent
 from formation.agent.simulated.faults import Fault
 from formation.control.tracker import FRESH_PERIODS, longest_delay
-from formation.deploy.rehearsal.engine import VirtualProcess
+from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.places import Tell
 from formation.deploy.rehearsal.received import Newest, Received
@@ -92,7 +92,8 @@ class Following:
             self._tell("orders", name, "follows a leader that another had replaced")
         ordered = self._received.ordered.get((followed.term, followed.beat))
         if ordered is not None:
-            known = self._quickest.get((process, followed.term), Newest()).after(ordered, now)
+            arrived = min(now, agent.state.orders.lived - UPTIME)  # it may have been frozen since
+            known = self._quickest.get((process, followed.term), Newest()).after(ordered, arrived)
             self._quickest[process, followed.term] = known
-            if now - ordered > known.quickest + MAX_BEAT_LATENESS + self._slack:
-                self._tell("orders", name, f"follows an order of {now - ordered:.1f} s ago")
+            if arrived - ordered > known.quickest + MAX_BEAT_LATENESS + self._slack:
+                self._tell("orders", name, f"follows an order of {arrived - ordered:.1f} s before")
