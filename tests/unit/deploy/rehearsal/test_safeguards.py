@@ -19,6 +19,7 @@ from formation.agent.safety.scanner import Scanner
 from formation.control import avoidance
 from formation.control.quantiser import quantise
 from formation.control.unicycle import AT_REST
+from formation.deploy.rehearsal.bridges import Restarted
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.received import Newest, OrdersReceived
@@ -31,6 +32,7 @@ from formation.protocol.election import Voter
 from formation.protocol.order import Order
 from formation.protocol.reasons import Code
 from formation.protocol.stops import Rest, Result
+from formation.ros2.messages import Odometry, decode, encode
 from tests.campaigns.defects.plan import MISSIONS
 
 PAIR, POSTS = load("turtlebot3_pair"), load("posts")
@@ -227,3 +229,18 @@ def test_recorded_times_of_a_wrong_clock_are_found(tmp_path: Path, monkeypatch: 
     plan = Plan(PAIR, record=tmp_path / "run.mcap", text=read("turtlebot3_pair")[0])
     monkeypatch.setattr("formation.deploy.rehearsal.recorded.EPOCH", 0.0)
     assert run(plan, 0, ()).broken == {"record"}
+
+
+def test_repeated_measurement_that_counts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert broken(PAIR, "robot1:repeat=0.12@4+2") == set()
+    monkeypatch.setattr(Stream, "_agree", lambda *_: True)
+    assert "named" in broken(PAIR, "robot1:repeat=0.12@4+2")
+
+
+def test_odometry_that_restarts_counts_from_zero() -> None:
+    restarted = Restarted()
+    first = restarted.changed(encode(Odometry(1.0, 2 + 1j, 1j, 0.1, 0.0)))
+    later = restarted.changed(encode(Odometry(2.0, 2 + 3j, -1 + 0j, 0.1, 0.0)))
+    assert decode(Odometry, first).position == pytest.approx(0j)
+    assert decode(Odometry, later).position == pytest.approx(2 + 0j)
+    assert decode(Odometry, later).heading == pytest.approx(1j)
