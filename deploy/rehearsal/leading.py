@@ -47,6 +47,7 @@ class Leading:
         leader = self._fleet.leading
         _, process = self._fleet.candidates.get(leader.name, (leader, None))
         if process is None or not process.runs or not leader.leads:
+            self._waits.clear()
             return
         now = self._fleet.engine.now
         waits = {(process, name) for name in leader.plan.waits_for}
