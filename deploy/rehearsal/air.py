@@ -48,6 +48,11 @@ class Air:
         self._deaf: Counter[tuple[str, str]] = Counter()
         self._free_at: dict[tuple[str, str], float] = {}
 
+    @property
+    def undisturbed(self) -> bool:
+        """Whether nothing disturbs all links."""
+        return self._always == Weather()
+
     def disturb(self, machine: str, weather: Weather) -> None:
         """Add `weather` to all links of `machine`."""
         self._local.setdefault(machine, []).append(weather)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from formation.agent.simulated.faults import LATE, STUCK, Fault, read
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.bridges import repeat, restart
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.mission.model import Mission
@@ -64,6 +65,10 @@ MACHINES: Mapping[str, Kind] = {
     "drift": Kind("its system clock gains SIZE every second [s/s]", -0.05, 0.05, robots_only=False),
     "full": Kind("its disk is full", robots_only=False),
 }
+BRIDGES: Mapping[str, Kind] = {
+    "repeat": Kind("measurements of its place arrive again SIZE [s] later", 0.05, 0.5),
+    "restart": Kind("its odometry counts from where it is as zero, also after the end"),
+}
 OPERATOR: Mapping[str, Kind] = {
     "hold": Kind("an operator holds all robots, and lets them run at the end", robots_only=False),
     "stop": Kind("an operator stops all robots, then releases them and lets them run", robots_only=False),
@@ -86,8 +91,17 @@ SENSORS: Mapping[str, Kind] = {
 }
 INSIDERS: Mapping[str, Kind] = {
     "forge": Kind("relays forged orders, with a valid certificate of its own; with --signed"),
+    "replay": Kind("relays for half of the time true orders, and then these again; with --signed"),
 }
-KINDS: Mapping[str, Kind] = {**NETWORK, **PROCESSES, **MACHINES, **OPERATOR, **INSIDERS, **SENSORS}
+KINDS: Mapping[str, Kind] = {
+    **NETWORK,
+    **PROCESSES,
+    **MACHINES,
+    **BRIDGES,
+    **OPERATOR,
+    **INSIDERS,
+    **SENSORS,
+}
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 
@@ -119,6 +133,8 @@ def spelled(fault: Fault) -> str:
 def possible(kind: str, mission: Mission) -> bool:
     """Whether any robot of `mission` has the sensor that a fault of this kind is of."""
     robots = [mission.robots[name] for name in mission.followers]
+    if kind == "restart":
+        return any(spec.odometry_frame == "start" and spec.localisation == "odometry" for spec in robots)
     sensor = {**STUCK, **LATE}.get(kind)
     if sensor == "relative":
         return any(spec.measurement == "local" for spec in robots)
@@ -167,13 +183,31 @@ def _actions(
     if fault.kind in MACHINES:
         return _of_machine(fault, fleet)
     if fault.kind in INSIDERS:
-        return (
-            lambda: fleet.forge(fault.robot, forges=True),
-            lambda: fleet.forge(fault.robot, forges=False),
-        )
+        return lambda: _of_insider(fault, fleet), lambda: fleet.forge(fault.robot, forges=False)
+    return _of_bridge(fault, fleet) if fault.kind in BRIDGES else _of_operator(fault, operator)
+
+
+def _of_operator(fault: Fault, operator: Operator) -> tuple[Callable[[], object], Callable[[], object]]:
     if fault.kind == "waver":
         return lambda: operator.waver(fault.lasts), lambda: operator.order("run")
     return lambda: operator.order("stop" if fault.kind == "stop" else "hold"), operator.set_going
+
+
+def _of_bridge(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:
+    name, size = fault.robot, fault.size
+    return {
+        "repeat": (lambda: repeat(fleet, name, size), lambda: repeat(fleet, name, 0.0)),
+        "restart": (lambda: restart(fleet, name), lambda: None),
+    }[fault.kind]
+
+
+def _of_insider(fault: Fault, fleet: Fleet) -> None:
+    """Begin to forge, or to record; then relay that from the middle of the fault on."""
+    if fault.kind == "forge":
+        fleet.forge(fault.robot, forges=True)
+    elif fleet.keys is not None:
+        lasts = fault.lasts if fault.lasts < math.inf else MAX_DRAWN_SECONDS
+        fleet.engine.at(fault.since + 0.5 * lasts, fleet.record(fault.robot).play)
 
 
 def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:

@@ -38,7 +38,7 @@ from formation.ros2.ros_names import address
 from formation.simulation.edges import Edges, formation_error
 
 if TYPE_CHECKING:
-    from formation.deploy.rehearsal.signing import Insider, Keys
+    from formation.deploy.rehearsal.signing import Insider, Keys, Replayer
 
 MONITOR = "monitor's machine"
 """No robot has a name with spaces."""
@@ -56,6 +56,8 @@ class Disk:
 
     files: dict[str, bytes] = field(default_factory=dict)
     is_full: bool = False
+    torn: bytes | None = None
+    """The newest half written state."""
 
 
 class AgentFiles:
@@ -68,6 +70,10 @@ class AgentFiles:
         self.is_open = True
         """Whether its process lives; nothing is written afterwards."""
         self._disk, self._state = disk, f"{robot}.state"
+        self.before = disk.files.get(self._state)
+        """The saved state when this agent began."""
+        self.restored_torn = False
+        """Whether it took a half written state for a whole one."""
 
     def written(self, patience: float) -> bool:  # noqa: ARG002 - this disk is fast
         """Whether the newest stops are written."""
@@ -89,7 +95,9 @@ class AgentFiles:
     def read_state(self) -> bytes | None:
         """Return the saved state; None if there is none. Raises OSError if it is incomplete."""
         data = self._disk.files.get(self._state)
-        return None if data is None else state_in(data)
+        state = None if data is None else state_in(data)
+        self.restored_torn = state is not None and data == self._disk.torn
+        return state
 
     def set_state_aside(self) -> Path | None:
         """Rename the saved state, so that no agent finds it."""
@@ -100,7 +108,8 @@ class AgentFiles:
         """Leave the newest state half written."""
         data = self._disk.files.get(self._state)
         if data is not None:
-            self._disk.files[self._state] = data[: len(data) // 2] + b"0" * (len(data) - len(data) // 2)
+            half = len(data) // 2
+            self._disk.torn = self._disk.files[self._state] = data[:half] + b"0" * (len(data) - half)
 
     def _write(self, name: str, data: bytes) -> None:
         if not self.is_open:
@@ -172,10 +181,11 @@ class Fleet:
         self.processes: list[VirtualProcess] = []
         """All that have ever been started."""
         self.keys = _keys(mission) if signed else None
-        self.insiders: dict[str, Insider] = {}
-        """Robots that forge orders, as long as they do."""
+        self.insiders: dict[str, Insider | Replayer] = {}
+        """Robots that relay other orders than they receive, as long as they do."""
         self._edges = Edges(mission.graph)
-        self._files: dict[str, AgentFiles | CandidateTerms] = {}
+        self.files: dict[str, AgentFiles | CandidateTerms] = {}
+        """Those of the newest process of each name."""
         self._numbers = itertools.count()
         faults = {name: [one for one in sensor_faults if one.robot == name] for name in mission.followers}
         self.slips = world != "kinematic"
@@ -198,7 +208,7 @@ class Fleet:
     def start_agent(self, name: str, mission: Mission | None = None) -> None:
         """Start an agent, with what is on its disk; `mission` replaces the fleet's."""
         files = AgentFiles(self.disks[name], name)
-        self._files[name] = files
+        self.files[name] = files
         verifier = None if self.keys is None else self.keys.verifier()
         agent = Agent(
             mission or self.mission,
@@ -221,6 +231,14 @@ class Fleet:
             self.insiders.pop(name, None)
         self._tamper(name)
 
+    def record(self, name: str) -> Replayer:
+        """Have a robot record the orders that it relays, to relay them again. Needs signed orders."""
+        from formation.deploy.rehearsal.signing import Replayer  # noqa: PLC0415 - an optional package
+
+        replayer = self.insiders[name] = Replayer(name)
+        self._tamper(name)
+        return replayer
+
     def _tamper(self, name: str) -> None:
         insider = self.insiders.get(name)
         self.agents[name][1].bus.tamper = None if insider is None else insider.tamper
@@ -242,7 +260,7 @@ class Fleet:
     def start_candidate(self, name: str) -> None:
         """Start the leader or a standby."""
         terms = CandidateTerms(self.disks[name], name)
-        self._files[name] = terms
+        self.files[name] = terms
         signer = None if self.keys is None else self.keys.signer(name)
         verifier = None if self.keys is None or signer is None else self.keys.verifier(signer.certificate)
         leader = Leader(
@@ -286,13 +304,13 @@ class Fleet:
 
     def kill(self, name: str) -> None:
         """Kill the agent of a robot, or a candidate."""
-        self._files[name].is_open = False
+        self.files[name].is_open = False
         self.process_of(name).kill()
 
     def tear(self, name: str) -> None:
         """Kill the agent of a robot in the middle of a write of its state."""
         self.kill(name)
-        files = self._files[name]
+        files = self.files[name]
         if isinstance(files, AgentFiles):
             files.tear()
 

@@ -7,7 +7,7 @@
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent not in state `run` commands zero, or a slow probe; a leader that orders a rest stands |
 | access | no process sends another what the access rules of the field refuse |
-| orders | where orders are signed, robots follow only what a candidate has ordered |
+| orders | no robot follows an order that is late, replaced, repeated or, where they are signed, forged |
 | stop | a robot that acknowledged a stop has saved it, and stands until it is released, whatever restarts |
 | release | a robot that acknowledged a release or a hold stands until run is ordered |
 | mission | without other faults a robot that receives one of another mission stands after two seconds |
@@ -17,8 +17,20 @@
 | watchdog | a robot stands a second after its agent was killed or suspended, if its watchdog runs |
 | blind | a robot with a frozen or late position drives less than 0.1 m |
 | touch | no two bodies touch, nor a body what its scanner sees, where the filter promises it |
+| follow | a robot that runs receives its own position and all that it follows; without a leader it says so |
+| answer | a robot that is stopped refuses run, and each refuses what a newer stop or hold has overtaken |
+| named | a robot names its fault once that shows, if faults are of one kind |
+| restored | a restarted agent knows its vote, and takes over neither an old integral nor half a state |
+| votes | agents vote, and their votes count, only after they were received for long enough |
+| wait | a leader waits for a robot no longer than its patience |
+| led | some time after the last fault every robot receives a leader |
+| detour | a robot that stands off its slot for ten seconds, though it may drive, takes a detour |
+| brake | a command uses up at most half of the room to another robot while it may last |
+| steps | rounding to a robot's steps adds up to no more than two steps |
 | bounds | without faults of sensors every robot stays within the mission's bounds |
-| formation | after the last fault all robots run, and the formation settles, within `RECOVERY_TIME` |
+| formation | after the last fault all robots run, none is unavailable, and the formation settles in time |
+
+That time is `RECOVERY_TIME`; without faults and obstacles four times what the longest way at top speed takes.
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
 the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
@@ -31,7 +43,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,18 +53,29 @@ from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
+from formation.deploy.rehearsal.answers import Answers
+from formation.deploy.rehearsal.braking import Braking
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.following import Following
+from formation.deploy.rehearsal.leading import Leading
+from formation.deploy.rehearsal.naming import Naming
 from formation.deploy.rehearsal.places import AT_REST_STEP, Places
+from formation.deploy.rehearsal.received import Received, attachment_of
+from formation.deploy.rehearsal.recorded import wrong
+from formation.deploy.rehearsal.restarts import Restarts
+from formation.deploy.rehearsal.rounding import Rounding
+from formation.deploy.rehearsal.standing import Standing
+from formation.deploy.rehearsal.voting import Voting
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
-from formation.protocol import order
 from formation.protocol.lateness import LATE_GAIN, own_age_limit
-from formation.protocol.order import OperatorReply, OperatorRequest, PositionAttachment
+from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.simulation.body import Body
+from formation.slots.shape import PlacedShape
 from formation.topics import CMD_VEL, POSITION
 from formation.wire import Outgoing
 
@@ -71,6 +94,16 @@ RULES = (
     "leaders",
     "watchdog",
     "blind",
+    "follow",
+    "answer",
+    "named",
+    "restored",
+    "votes",
+    "wait",
+    "led",
+    "detour",
+    "brake",
+    "steps",
     "touch",
     "bounds",
     "formation",
@@ -78,6 +111,8 @@ RULES = (
 )
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
+MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
+"""Without faults: at least this time [s], and by how much longer than the longest way at top speed takes."""
 STOP_DELAY = 0.1
 """Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
 TOLERANCE = 1e-6
@@ -165,6 +200,8 @@ class Judge:
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
+        free = fleet.air.undisturbed and not (mission.simulation.posts or mission.simulation.walls)
+        self._settling_time = _settling_time(mission) if free else RECOVERY_TIME
         self._only_mixed = {one.kind for one in faults} == {"mixed"}
         self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
@@ -174,8 +211,22 @@ class Judge:
         self._drift = Body.of(mission.simulated_robot).drift
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
         in_time = max_delay <= mission.collisions.delay
-        self._no_touch = filtered and truthful and in_time and not slipping
+        self._sees_truly = truthful and in_time and not slipping
+        self._no_touch = filtered and self._sees_truly
         self._places = Places(fleet, faults, self._tell)
+        received = Received(fleet)
+        self._leading = Leading(fleet, received, faults, self._tell)
+        self._looks: tuple[Callable[[], None], ...] = (
+            Following(fleet, received, faults, self._tell).look,
+            Naming(fleet, received, faults, self._tell).look,
+            Restarts(fleet, self._tell).look,
+            Voting(fleet, received, self._tell).look,
+            self._leading.look,
+        )
+        self._standing = Standing(fleet, self._tell)
+        self._braking = Braking(fleet, max_delay, self._tell)
+        self._answers = Answers(fleet, self._tell)
+        self._rounding = Rounding(mission, self._tell)
         fleet.local.watchers.append(self._command)
         self._position = POSITION.key(mission.leader)
         self._given: set[str] = set()  # the text of each order that a candidate has signed
@@ -195,7 +246,9 @@ class Judge:
     def expect(self, kind: str) -> None:
         """Take into account a fault of this kind, or an order, that happens from now on."""
         self._faultless = False
-        self._no_touch = self._no_touch and kind in TOUCH_PROMISED
+        self._leading.disturbed()
+        self._sees_truly = self._sees_truly and kind in TOUCH_PROMISED
+        self._no_touch = self._no_touch and self._sees_truly
 
     def look(self) -> None:
         """Check what is not a message; call it often."""
@@ -203,6 +256,8 @@ class Judge:
         self._check_leaders()
         self._check_bodies()
         self._check_blind()
+        for check in self._looks:
+            check()
         for sender, receiver, key in self._fleet.fleet.refused:
             self._tell("access", sender, f"sends {key} to {receiver}: the rules of the field refuse it")
         self._note_rivals()
@@ -217,10 +272,11 @@ class Judge:
         """Whether the formation has settled; `since` is when the last fault ended [s]."""
         if self.settled_at is None and self._is_settled():
             self.settled_at = self._fleet.engine.now
-        if self.settled_at is None and self._fleet.engine.now > since + RECOVERY_TIME:
+        limit = self._settling_time if self._faultless else RECOVERY_TIME
+        if self.settled_at is None and self._fleet.engine.now > since + limit:
             error = self._fleet.error()
             why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
-            self._tell("formation", "", f"error {error:.3f} m after {RECOVERY_TIME:.0f} s; {why}")
+            self._tell("formation", "", f"error {error:.3f} m after {limit:.0f} s; {why}")
         return self.settled_at is not None
 
     def look_recorded(self, recorder: Recorder) -> None:
@@ -238,6 +294,9 @@ class Judge:
         if recorder.failure is not None or recorder.lost or missing.total() > lost:
             what = recorder.failure or f"{recorder.lost} messages lost, not recorded: {dict(missing)}"
             self._tell("record", "", what)
+        for path in recorder.paths:
+            for what in wrong(path, self._fleet.engine.now):
+                self._tell("record", "", what)
 
     def answered(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Note a robot's answer to an operator."""
@@ -254,6 +313,7 @@ class Judge:
 
     def ordered(self, request: OperatorRequest) -> None:
         """Note what an operator orders."""
+        self._leading.ordered(request)
         if request.do != "query":
             self._newest_order = request.id
         if request.do == "run":
@@ -285,12 +345,13 @@ class Judge:
         if moves and resting is not None and now > resting + STOP_DELAY and name not in self._resets:
             self._tell("release", name, f"{command.speed:g} m/s {now - resting:.2f} s after it was to rest")
         self._check_ramp(name, now, command)
+        self._rounding.check(name, agent, command)
         self._newest[name] = now, command
 
     def _order(self, process: VirtualProcess, out: Outgoing) -> None:
         if out.key != self._position or out.attachment is None:
             return
-        attachment = order.decode(PositionAttachment, out.attachment)
+        attachment = attachment_of(out.attachment)
         if attachment.signed:
             self._given.add(attachment.signed)
         term = attachment.term if attachment.order is None else attachment.order.term
@@ -355,7 +416,8 @@ class Judge:
 
     def _is_settled(self) -> bool:
         runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
-        return runs and (
+        back = not any(agent.state.availability.published for agent, _ in self._fleet.agents.values())
+        return (runs and back) and (
             not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges()
         )
 
@@ -375,7 +437,10 @@ class Judge:
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
-        self._places.look(discs, touches=self._no_touch)
+        self._places.look(discs, touches=self._sees_truly)
+        if self._no_touch:
+            self._standing.look(discs)
+            self._braking.look(discs)
         for name, here, _ in discs:
             before, path = self._paths.get(name, (here, 0.0))
             self._paths[name] = here, path + abs(here - before)
@@ -442,6 +507,16 @@ def _blind_since(mission: Mission, fault: Fault) -> float:
     return fault.since
 
 
+def _settling_time(mission: Mission) -> float:
+    """Time in which the formation settles without any fault [s], from the longest way of a robot."""
+    shape, leader = PlacedShape(((mission.first_shape, 1.0),), 0.0, 1.0), mission.robots[mission.leader].start
+    longest = max(
+        abs(spec.start.position - leader.position - shape.slot(mission, name)) / spec.max_speed
+        for name, spec in ((name, mission.robots[name]) for name in mission.followers)
+    )
+    return min(RECOVERY_TIME, max(MIN_SETTLING_TIME, SETTLING_FACTOR * longest))
+
+
 def _number(request: OperatorRequest) -> int:
     """Number of an operator's request."""
     return int(request.id.rpartition("-")[2])
@@ -459,10 +534,12 @@ def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
 
 
 def _is_lost_by(fault: Fault, mission: Mission) -> bool:
-    """Whether a robot's odometry, its only source, counts from its start and is wrong after `fault`."""
-    if fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
+    """Whether a robot's odometry, its only source, is wrong after `fault` in the frame that it counts in."""
+    spec = mission.robots.get(fault.robot)
+    if spec is not None and fault.kind == "restart":
+        return spec.localisation == "odometry" and spec.odometry_frame == "world"
+    if spec is None or fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
         return False
-    spec = mission.robots[fault.robot]
     return spec.localisation == "odometry" and spec.odometry_frame == "start"
 
 

@@ -30,7 +30,7 @@ class Places:
         mission = fleet.mission
         kinds = {one.kind for one in faults}
         self._area = Area.of(mission)
-        self._knows_place = not kinds & SENSOR_KINDS.keys() and not fleet.slips
+        self._knows_place = not kinds & (SENSOR_KINDS.keys() | {"restart"}) and not fleet.slips
         self._carried = {one.robot for one in faults if one.kind == "carried"}
         self._seeing = [name for name in mission.followers if mission.robots[name].scanner != "none"]
         self._orphaned: dict[str, float] = {}  # since when each robot has a watchdog and no agent [s]

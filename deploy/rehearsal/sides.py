@@ -43,11 +43,22 @@ class Exchange:
         self.answers: defaultdict[str, list[tuple[VirtualProcess, Handler]]] = defaultdict(list)
         self.watchers: list[Callable[[VirtualProcess, Outgoing], None]] = []
         """Called with each message when it is published."""
+        self.receivers: list[Callable[[VirtualProcess, Outgoing, float], None]] = []
+        """Called with each message when it arrives, and when it was published [s]."""
+        self.repliers: list[Callable[[VirtualProcess, bytes, bytes], None]] = []
+        """Called with each request and its answer, when a process gives it."""
+        self.repeats: dict[str, float] = {}
+        """Time after which messages of a key arrive again [s]; 0 for those that do not."""
+        self.changes: dict[str, Callable[[bytes], bytes]] = {}
+        """What changes the payloads of a key."""
         self.refused: dict[tuple[str, str, str], None] = {}
         """Refused messages in order: the names of sender and receiver, and the key."""
 
     def publish(self, port: FleetPort | RobotPort, out: Outgoing) -> None:
         """Send `out` to all subscribers."""
+        if change := self.changes.get(out.key):
+            out = out._replace(payload=change(out.payload))
+        again = self.repeats.get(out.key, 0.0)
         for watcher in self.watchers:
             watcher(port.process, out)
         size = HEADER_BYTES + len(out.key) + len(out.payload) + len(out.attachment or b"")
@@ -62,6 +73,8 @@ class Exchange:
             ways = (0.0,) if one.port is port else self._ways(sender, receiver, size)
             for delay in ways:
                 self._deliver(one, out, delay)
+                if again > 0.0:
+                    self._deliver(one, out, delay + again)
 
     def ask(self, asker: str, key: str, request: bytes, take_reply: Callable[[bytes], None]) -> None:
         """Send a query from machine `asker` to all that answer `key`; `take_reply` receives each answer."""
@@ -77,6 +90,8 @@ class Exchange:
         take_reply: Callable[[bytes], None],
     ) -> None:
         def answered(reply: bytes) -> None:
+            for replier in self.repliers:
+                replier(process, request, reply)
             for delay in self._ways(process.machine.name, asker, len(reply)):
                 self.engine.at(self.engine.now + delay, lambda: take_reply(reply))
 
@@ -87,13 +102,15 @@ class Exchange:
             self.engine.at(self.engine.now + delay, lambda: process.arrive(accept, wakes=True))
 
     def _deliver(self, one: _Subscription, out: Outgoing, delay: float) -> None:
-        process = one.port.process
+        process, sent = one.port.process, self.engine.now
 
         def put() -> None:
             now = process.clock()
             sample = Sample(out.key, out.payload, out.attachment, now.mono)
             sample = sample if one.check is None else one.check(sample, now.wall)
             process.mailbox.put(sample, one.port.received, wakes=one.wakes)
+            for receiver in self.receivers:
+                receiver(process, out, sent)
 
         self.engine.at(self.engine.now + delay, lambda: process.arrive(put, wakes=one.wakes))
 

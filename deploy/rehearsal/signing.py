@@ -1,4 +1,4 @@
-"""Signed orders in a rehearsal, and an insider that forges them.
+"""Signed orders in a rehearsal, and insiders that forge them or relay recorded ones.
 
 Keys depend on nothing but the names, and a signature is a keyed hash: ECDSA would differ between two runs.
 What is signed, verified and relayed, and when, is the production's.
@@ -120,6 +120,34 @@ class Insider:
 
     def _signature(self, forged: Order) -> str:
         return self._own.sign(order.statement(self._mission.fingerprint, order.encode(forged).decode()))
+
+
+class Replayer:
+    """Relays true orders, and later the same again: an insider with a recording."""
+
+    def __init__(self, name: str) -> None:
+        self._key = POSITION.key(name)
+        self._recorded: list[PositionAttachment] = []
+        self._next: int | None = None
+
+    def play(self) -> None:
+        """Relay what was recorded from now on."""
+        self._next = 0
+
+    def tamper(self, out: Outgoing) -> Outgoing:
+        """Record `out`, or return it with a recorded order, if it is this robot's position."""
+        if out.key != self._key or out.attachment is None:
+            return out
+        attachment = order.decode(PositionAttachment, out.attachment)
+        if attachment.order is None:
+            return out
+        if self._next is None:
+            self._recorded.append(attachment)
+        if self._next is None or self._next >= len(self._recorded):
+            return out
+        old, self._next = self._recorded[self._next], self._next + 1
+        again = {"order": old.order, "signed": old.signed, "signature": old.signature}
+        return out._replace(attachment=order.encode(attachment.model_copy(update=again)))
 
 
 def _with(attachment: PositionAttachment, forged: Order, signature: str) -> PositionAttachment:

@@ -37,6 +37,14 @@ ESTRANGED = (
     Told(9.2, "cut", {"some": ("deputy",), "others": ("leader",)}),
     Told(14.0, "heal"),
 )
+REPLACED = (
+    Told(6.0, "cut", {"some": ("leader",), "others": ("robot1",)}),
+    Told(6.5, "kill", {"name": "robot1"}),
+    Told(6.6, "start", {"name": "robot1"}),
+    Told(9.0, "heal"),
+    Told(9.0, "cut", {"some": ("leader",), "others": ("robot3",)}),
+    Told(14.0, "heal"),
+)
 
 
 def _trio(*faults: str) -> Plan:
@@ -58,13 +66,14 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     ),
     "fenced": (Plan("fenced", seconds=25.0),),
     "recorded": (Plan("trio", delay=0.1, noise=0.002, recorded=True),),
-    "killed": (_trio("leader:kill@6+8"),),
+    "killed": (_trio("leader:kill@6+8"), Plan("turtlebot3_pair", faults=("leader:kill@6+4",))),
     "leadercut": (_trio("leader:cut@6+6"), _trio("leader:deaf@6+6"), Plan("trio", told=HALVES)),
     "muted": (_trio("leader:freeze@6+5"), _trio("leader:mute@6+6", "deputy:freeze@9+4")),
     "votes": (
         Plan("trio", told=HALVES),
         Plan("trio", told=RIVALS),
         Plan("trio", told=ESTRANGED),
+        Plan("trio", told=REPLACED),
         _trio("leader:reset@6+3", "deputy:kill@8+4"),
         _trio("leader:kill@8+6", "reserve:deaf@8.5+0.5"),
     ),
@@ -73,8 +82,14 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("leader:clock=-50@5+3", "leader:kill@9+3"),
         _trio("robot1:clock=30@5+8"),
         _trio("leader:clock=90@5+2", "leader:reset@5.5+3"),
+        _trio("leader:clock=90@1+6", "leader:reset@7+0.3"),
     ),
-    "leaderlate": (_trio("leader:late=0.5@5+6"), _trio("leader:loss=0.5@5+8")),
+    "leaderlate": (
+        _trio("robot1:late=0.5@5+6"),
+        _trio("leader:late=0.5@5+6"),
+        _trio("leader:loss=0.5@5+8"),
+        Plan("measured", faults=("robot1:late=0.5@5+8",)),
+    ),
     "stop": (_trio("robot1:stop@5+4"), _trio("leader:delay=0.4@3+10", "robot1:stop@6+4")),
     "stopkill": (
         _trio("robot1:stop@4+8", "robot1:kill@6+2", "robot2:torn@7+2"),
@@ -90,7 +105,12 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
             "robot1:stop@4+10", "leader:kill@6+2", "deputy:kill@6+2", "reserve:kill@6+2", "robot2:reset@7+2"
         ),
     ),
-    "waver": (_trio("robot2:waver@5+4"), _trio("robot2:waver@5+4", "robot2:loss=0.6@5+6")),
+    "waver": (
+        _trio("robot2:waver@3+2", "robot1:stop@5.2+4"),
+        _trio("robot1:stop@4+3", "robot2:loss=1@7.4+1.52", "robot1:hold@8.25+4"),
+        _trio("robot2:waver@5+4"),
+        _trio("robot2:waver@5+4", "robot2:loss=0.6@5+6"),
+    ),
     "full": (_trio("robot1:full@4+8", "robot1:stop@6+5", "robot1:kill@8+2"),),
     "crashed": (_trio("robot1:kill@3+4"), _trio("robot1:kill@6+7")),
     "torn": (_trio("robot1:torn@6+1", "robot3:torn@8+2"),),
@@ -98,13 +118,24 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "robotstall": (_trio("robot1:freeze@6+3"), _trio("robot3:freeze@4+0.8")),
     "second": (_trio("robot1:second@5+6"), _trio("robot1:second@3+4", "leader:kill@4+6")),
     "mixed": (_trio("robot2:mixed@5+6"), _trio("robot1:mixed@5+6")),
-    "twice": (_trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"), _trio("leader:jitter=0.5@4+8")),
+    "twice": (
+        _trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"),
+        _trio("robot1:repeat=0.12@4+4"),
+        _trio("leader:jitter=0.5@4+8"),
+    ),
     "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
-    "slow": (_trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"), _trio("robot2:slow=0.2@5+8")),
+    "slow": (
+        _trio("robot2:slow=0.12@0.3+8"),
+        _trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"),
+        _trio("robot2:slow=0.2@5+8"),
+    ),
     "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
     "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
-    "carried": (_trio("robot3:carried=0.2@6+6"),),
-    "blocked": (_trio("robot3:blocked@6+6"),),
+    "carried": (
+        _trio("robot3:carried=0.2@6+6"),
+        Plan("tracked", faults=("robot1:hold@4+8", "robot2:carried=0.2@7+4")),
+    ),
+    "blocked": (_trio("robot3:blocked@6+6"), _trio("robot3:blocked@6+14")),
     "speeds": (_trio("robot3:speeds=0@6+6"), _trio("robot3:speeds=1.8@6+6")),
     "restamped": (_trio("robot3:restamped=1@6+6"),),
     "stutter": (_trio("robot3:stutter=0.4@6+8"),),
@@ -121,6 +152,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "pair": (
         Plan("turtlebot3_pair", faults=("robot1:kill@6+2",)),
         Plan("turtlebot3_pair", faults=("robot1:stale=1@6+6",)),
+        Plan("turtlebot3_pair", faults=("robot1:restart@5+1", "robot1:kill@8+2")),
         Plan("turtlebot3_pair", seconds=40.0),
     ),
     "crossing": (
@@ -130,12 +162,15 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         Plan("swap", faults=("robot3:reset@4.5+6",)),
         *(Plan("swap", seed, ("kill", "torn", "reset", "hold", "stop", "unwatched")) for seed in range(6)),
     ),
+    "barred": (Plan("blocked", faults=("robot2:kill@0.5", "robot3:kill@0.5")),),
     "crowd": (Plan("crowd", delay=0.2), Plan("crowd", faults=("robot1:kill@1.5+6",))),
     "rests": (Plan("trio", told=RESTS),),
-    "bend": (Plan("trio", seconds=35.0),),
+    "bend": (Plan("trio", seconds=30.0),),
+    "paper": (Plan("trio_paper", faults=("robot1:kill@6+7",)),),
     "orders": (Plan("trio", told=ORDERS),),
     "ordersfailover": (Plan("trio", told=ORDERS[:3], faults=("leader:kill@20+6",)),),
     "relayed": (
+        Plan("relay", faults=("leader:slow=0.12@0.1+8",)),
         Plan("relay", signed=True, faults=("robot1:forge@5+8",)),
         Plan("relay", signed=True, faults=("robot2:forge@4+12", "leader:kill@7+6")),
         Plan("relay", faults=("leader:kill@6+8",)),
@@ -145,6 +180,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "signed": (
         Plan("trio", signed=True, faults=("robot1:forge@5+8",)),
         Plan("trio", signed=True, faults=("robot3:forge@4+12", "leader:kill@7+6")),
+        Plan("trio", signed=True, faults=("robot1:replay@4+16", "leader:kill@8+10")),
     ),
     "drawn": (
         *(Plan("trio", seed, ("all",), signed=bool(seed % 2)) for seed in range(12)),
@@ -154,8 +190,10 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     ),
     "posts": (
         Plan("posts"),
+        Plan("posts", seconds=20.0),
         Plan("posts", faults=("robot1:scan_frozen@8+8",)),
         Plan("posts", faults=("robot1:scan_late=1@8+8",)),
+        Plan("posts_unfiltered", faults=("robot1:unwatched@1",)),
     ),
     "large": (
         Plan("six_robots", noise=0.005, delay=0.1, seconds=60.0),

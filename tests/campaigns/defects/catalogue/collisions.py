@@ -50,7 +50,7 @@ DEFECTS = (
         "DEADLOCK_DELAY, DETOUR_TIME = 0.5, 1.5",
         "DEADLOCK_DELAY, DETOUR_TIME = 500.0, 1.5",
         "robots that block each other wait for ever",
-        ("crowd", "crossing"),
+        ("barred", "crowd", "crossing"),
     ),
     Defect(
         "nobody-yields",
@@ -74,7 +74,7 @@ DEFECTS = (
         "known = self._known(around)\n        obst",
         "known = {n: one for n, one in self._known(around).items() if one.fresh(now)}\n        obst",
         "a robot that has fallen silent is no obstacle",
-        ("crowd", "crossing"),
+        ("barred", "crowd", "crossing"),
     ),
     Defect(
         "filter-switched-around",

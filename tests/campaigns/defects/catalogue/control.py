@@ -102,7 +102,7 @@ DEFECTS = (
         "return track.point + track.velocity * clip(moment - track.stamp, longest)",
         "return track.point - track.velocity * clip(moment - track.stamp, longest)",
         "neighbours are expected where they were",
-        ("quiet",),
+        ("bend", "quiet"),
     ),
     Defect(
         "slots-reversed",
@@ -118,7 +118,7 @@ DEFECTS = (
         "carried = one.velocity - slots.state.velocity[name]",
         "carried = one.velocity + slots.state.velocity[name]",
         "robots lag in shapes that turn",
-        ("orders", "bend"),
+        ("bend", "orders"),
     ),
     Defect(
         "unavailable-for-ever",

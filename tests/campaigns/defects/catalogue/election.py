@@ -69,7 +69,7 @@ DEFECTS = (
         "if state.alone is None or arrived - state.alone < self._quarantine:",
         "if state.alone is None:",
         "a restarted agent votes at once",
-        ("votes",),
+        ("crashed", "votes"),
     ),
     Defect(
         "publisher-change-counts",
@@ -77,7 +77,7 @@ DEFECTS = (
         "return arrived - known.since >= self._in_takeovers(VOTE_BOUND_TIME)",
         "return arrived >= known.since",
         "two agents of one robot both vote",
-        ("second", "votes"),
+        ("votes", "second"),
     ),
     Defect(
         "term-by-clock-only",

@@ -67,7 +67,7 @@ DEFECTS = (
         "if mono - since > patience}",
         "if mono - since < patience}",
         "the leader waits for ever",
-        ("robotstall", "killed"),
+        ("blocked", "robotstall", "killed"),
     ),
     Defect(
         "stamp-of-wrong-clock",

@@ -15,7 +15,7 @@ DEFECTS = (
         "if received.term < max(self.voter.state.voted_term, self._in_force(arrived, now)):",
         "if received.term < self.voter.state.voted_term - self._in_force(arrived, now):",
         "orders of a leader that was replaced count",
-        ("clocks", "muted"),
+        ("signed", "clocks", "muted"),
     ),
     Defect(
         "beat-need-not-rise",

@@ -25,7 +25,7 @@ DEFECTS = (
         'return self._taken(Restored(voted_term=saved.voted_term), "")',
         'return self._taken(Restored(), "")',
         "a restarted agent forgets for whom it has voted",
-        ("power", "votes"),
+        ("crashed", "power", "votes"),
     ),
     Defect(
         "old-integral-restored",
@@ -33,7 +33,7 @@ DEFECTS = (
         "integral = saved.integral if age <= MAX_INTEGRAL_AGE else None",
         "integral = saved.integral",
         "a restarted robot pushes in an old direction",
-        ("crashed",),
+        ("paper", "crashed"),
     ),
     Defect(
         "pose-not-restored",

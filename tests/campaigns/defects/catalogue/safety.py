@@ -42,7 +42,7 @@ DEFECTS = (
         "lambda f: f.silence > f.limit,",
         "lambda f: f.silence > 50.0 * f.limit,",
         "a robot drives on without positions",
-        ("stutter", "robotstall"),
+        ("late", "stutter", "robotstall"),
     ),
     Defect(
         "old-position-used",

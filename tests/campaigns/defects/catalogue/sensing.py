@@ -19,7 +19,7 @@ DEFECTS = (
         "not state.doubted and now.mono - state.arrived <= self.limit",
         "not state.doubted and now.mono - state.arrived <= 60.0 * self.limit",
         "neighbours that are silent are followed on",
-        ("robotcut", "muted"),
+        ("crashed", "robotcut", "muted"),
     ),
     Defect(
         "replayed-stamps-accepted",

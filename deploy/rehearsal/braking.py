@@ -1,0 +1,50 @@
+"""Rule of the brake: a command uses up at most half of the room to another robot while it may last."""
+
+from __future__ import annotations
+
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.places import Discs, Tell
+
+LOOK_PERIOD = 0.05
+"""Longest time from a command to the check [s], beside a period of the robot."""
+TOLERANCE = 0.03
+"""Distance by which robots may be nearer than is known, beside their motion meanwhile [m]."""
+
+
+class Braking:
+    """The approaches of one fleet's robots."""
+
+    def __init__(self, fleet: Fleet, delay: float, tell: Tell) -> None:
+        """`delay` [s] is the greatest of the network without faults."""
+        self._fleet, self._tell, self._delay = fleet, tell, delay
+        mission = fleet.mission
+        law = mission.law.controller
+        self._holds = {name: mission.control(name, law).avoidance.hold for name in mission.followers}
+
+    def look(self, discs: Discs) -> None:
+        """Check the robots at `discs`."""
+        for name, here, radius in discs:
+            agent, process = self._fleet.agents.get(name, (None, None))
+            if agent is None or process is None or not process.runs or agent.command.speed == 0.0:
+                continue
+            spec = self._fleet.mission.robots[name]
+            known = {**agent.neighbours.each, **agent.avoiding.others}
+            age = LOOK_PERIOD + 1.0 / spec.rate + self._delay
+            for other, there, width in discs:
+                one = known.get(other)
+                if other not in agent.avoiding.avoids or one is None or one.stream.state.arrived is None:
+                    continue
+                towards = (there - here) / abs(there - here)
+                nearer = self._speed(name, towards)
+                closing = max(0.0, nearer + self._speed(other, -towards))
+                room = abs(there - here) - radius - width + closing * age + TOLERANCE
+                if nearer > 0.5 * max(0.0, room) / self._holds[name] + spec.speed_step:
+                    self._tell("brake", name, f"{nearer:.2f} m/s towards {other}, {room:.2f} m away")
+
+    def _speed(self, name: str, towards: complex) -> float:
+        """Speed at which a robot is commanded to move in a direction [m/s]."""
+        world, _ = self._fleet.robots[name]
+        agent, _ = self._fleet.agents.get(name, (None, None))
+        if agent is None:
+            return 0.0
+        return agent.command.speed * (world.plant(name).heading * towards.conjugate()).real
