@@ -62,7 +62,12 @@ PROCESSES: Mapping[str, Kind] = {
 }
 MACHINES: Mapping[str, Kind] = {
     "clock": Kind("its system clock is SIZE [s] ahead", -100.0, 100.0, robots_only=False),
-    "drift": Kind("its system clock gains SIZE every second [s/s]", -0.05, 0.05, robots_only=False),
+    "drift": Kind(
+        "its system clock gains SIZE every second, and is set right at the end [s/s]",
+        -0.05,
+        0.05,
+        robots_only=False,
+    ),
     "full": Kind("its disk is full", robots_only=False),
 }
 BRIDGES: Mapping[str, Kind] = {
@@ -266,9 +271,7 @@ def _of_machine(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Calla
     machine, disk, size = fleet.machines[fault.robot], fleet.disks[fault.robot], fault.size
 
     def drift(rate: float) -> None:
-        now = fleet.engine.now
-        machine.offset += machine.drift * (now - machine.drift_since)
-        machine.drift, machine.drift_since = rate, now
+        machine.drift, machine.drift_since = rate, fleet.engine.now  # at rate 0 the clock is right again
 
     def step(seconds: float) -> None:
         machine.offset += seconds
