@@ -86,10 +86,8 @@ class Insider:
 
     def tamper(self, out: Outgoing) -> Outgoing:
         """Return `out` with a forged order, if it is this robot's position."""
-        if out.key != self._key or out.attachment is None:
-            return out
-        attachment = order.decode(PositionAttachment, out.attachment)
-        if attachment.order is None:
+        attachment = _relayed(out, self._key)
+        if attachment is None or attachment.order is None:
             return out
         if self._recorded is None and attachment.order.mode == "run":
             self._recorded = attachment
@@ -113,10 +111,7 @@ class Insider:
             case 4:
                 alone = {"order": None, "signed": "", "signature": "", "certificate": self._own.certificate}
                 return attachment.model_copy(update=alone)
-        old = self._recorded or attachment
-        return attachment.model_copy(
-            update={"order": old.order, "signed": old.signed, "signature": old.signature}
-        )
+        return _with_order_of(attachment, self._recorded or attachment)
 
     def _signature(self, forged: Order) -> str:
         return self._own.sign(order.statement(self._mission.fingerprint, order.encode(forged).decode()))
@@ -136,18 +131,26 @@ class Replayer:
 
     def tamper(self, out: Outgoing) -> Outgoing:
         """Record `out`, or return it with a recorded order, if it is this robot's position."""
-        if out.key != self._key or out.attachment is None:
-            return out
-        attachment = order.decode(PositionAttachment, out.attachment)
-        if attachment.order is None:
+        attachment = _relayed(out, self._key)
+        if attachment is None or attachment.order is None:
             return out
         if self._next is None:
             self._recorded.append(attachment)
         if self._next is None or self._next >= len(self._recorded):
             return out
         old, self._next = self._recorded[self._next], self._next + 1
-        again = {"order": old.order, "signed": old.signed, "signature": old.signature}
-        return out._replace(attachment=order.encode(attachment.model_copy(update=again)))
+        return out._replace(attachment=order.encode(_with_order_of(attachment, old)))
+
+
+def _relayed(out: Outgoing, key: str) -> PositionAttachment | None:
+    """The attachment with the order that `out` relays, if it is a position of this `key`."""
+    return order.decode(PositionAttachment, out.attachment) if out.key == key and out.attachment else None
+
+
+def _with_order_of(attachment: PositionAttachment, old: PositionAttachment) -> PositionAttachment:
+    return attachment.model_copy(
+        update={"order": old.order, "signed": old.signed, "signature": old.signature}
+    )
 
 
 def _with(attachment: PositionAttachment, forged: Order, signature: str) -> PositionAttachment:
