@@ -109,6 +109,8 @@ class Player:
         """How far the position is behind the clock now [s, real]."""
         self.lost = 0.0
         """Additional playing time because the player could not keep up [s, real]."""
+        self.seeks = 0
+        """How often a position was sought."""
         self._film, self._stretch = film, stretch
         self._anchor = mono, film.start
         self._target: float | None = None
@@ -155,6 +157,7 @@ class Player:
         if self._anew or (self.seeking and target < self.goal) or not near:
             self._begin_anew(target)
         self._target, self.behind = target, 0.0
+        self.seeks += 1
 
     def next_batch(self, mono: float, most: int) -> Batch:
         """Return the messages due at `mono`, in order: at most `most`; if as many, call again."""

@@ -106,13 +106,16 @@ class Standing:
     """Messages published on the bus."""
     skipped: int
     """Messages that were too late for the bus."""
+    seeks: int
+    """Seeks so far: tells frames from before a seek from those after it."""
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a frame, or as the answer to steering."""
         return {
             "t": round(self.position, 3),
             **{name: round(getattr(self, name), 3) for name in ("start", "end", "counted_from", "drift")},
-            **{name: getattr(self, name) for name in ("speed", "paused", "seeking", "finished", "skipped")},
+            **{name: getattr(self, name) for name in ("speed", "paused", "seeking", "finished")},
+            **{name: getattr(self, name) for name in ("skipped", "seeks")},
         }
 
 
@@ -145,6 +148,7 @@ class Replay:
         return Standing(
             one.goal, one.start, one.end, one.speed, one.paused, one.seeking, one.finished, one.built_from,
             one.lost + one.behind, self._played, self._echo.published if self._echo else 0, self._skipped,
+            one.seeks,
         )  # fmt: skip
 
     @property

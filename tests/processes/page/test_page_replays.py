@@ -76,6 +76,22 @@ def test_a_replay_that_plays_and_shows_nothing_new_has_stopped(browser: Browser,
         page.wait_for_selector("#stale", state="hidden")
 
 
+def test_frames_from_before_a_seek_leave_the_slider_alone(browser: Browser) -> None:
+    scene = Scene(6, live=False)
+    scene.replay |= {"end": EPOCH + 60.0, "paused": True, "seeks": 0}
+    with served(scene, steer=lambda _do, _to: {"seeks": 1}) as one, watched(browser, one.address) as page:
+        one.feed()
+        until(page, "formation.model.frames > 0")
+        page.locator("#replay-at").fill("20")
+        one.feed(3)
+        until(page, "formation.model.frames > 3")
+        page.wait_for_timeout(100)
+        assert page.input_value("#replay-at") == "20"
+        scene.replay |= {"seeks": 1, "t": EPOCH + 7.0}
+        one.feed()
+        until(page, "document.getElementById('replay-at').value === '7'")
+
+
 def test_one_that_is_paused_does_not_get_old(browser: Browser, played: Served) -> None:
     played.scene.replay["paused"] = True
     played.feed()

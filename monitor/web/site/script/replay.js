@@ -9,7 +9,9 @@ export class ReplayBar {
   constructor(model) {
     this.model = model;
     this.slider = byId("replay-at");
-    this.held = false;
+    this.held = false; // whether a hand is on the slider
+    this.asked = 0; // requests that are not answered yet
+    this.seeks = 0; // frames that know of fewer seeks show a time from before the last one
     byId("replay-play").addEventListener("click", () => this.toggle());
     byId("replay-speed").addEventListener("change", (event) => this.request("speed", Number(event.target.value)));
     this.slider.addEventListener("input", () => {
@@ -40,8 +42,12 @@ export class ReplayBar {
 
   async request(what, to) {
     const body = JSON.stringify(to === undefined ? { do: what } : { do: what, to });
+    this.asked += 1;
     const answer = await fetch("api/replay", { method: "POST", headers: { "Content-Type": "application/json" }, body })
       .catch(() => null);
+    const state = answer?.ok ? await answer.json().catch(() => null) : null;
+    this.asked -= 1;
+    this.seeks = state?.seeks ?? this.seeks;
     setText(byId("replay-notice"), answer?.ok ? "" : `${what}: not obeyed`);
   }
 
@@ -54,7 +60,7 @@ export class ReplayBar {
     this.showSpeed(now.speed);
     setAttribute(byId("replay"), "aria-busy", String(now.seeking === true));
     setText(byId("replay-remarks"), remarks(now));
-    if (this.held) return;
+    if (this.held || this.asked || now.seeks < this.seeks) return;
     this.slider.value = (now.t - now.start).toFixed(1);
     this.showTime(now.t - now.start);
   }

@@ -26,7 +26,7 @@ SIX = load("six_robots")
 SEEN = Metrics(SIX).snapshot(Now(0.0, 0.0))
 STANDING = Standing(
     1012.34, 1000.0, 1100.0, 2.0, paused=False, seeking=False, finished=False, counted_from=1000.0,
-    drift=0.0, played=7, published=7, skipped=0,
+    drift=0.0, played=7, published=7, skipped=0, seeks=0,
 )  # fmt: skip
 
 
