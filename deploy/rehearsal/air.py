@@ -29,6 +29,8 @@ class Weather(NamedTuple):
     """Greatest further delay [s]; messages overtake each other."""
     twice: float = 0.0
     """Share of messages that arrives twice."""
+    again: float = 0.0
+    """How much later a copy of each message arrives [s]; 0 if none does."""
     growth: float = 0.0
     """Rate at which the delay grows from `since` on [s/s]."""
     since: float = 0.0
@@ -89,7 +91,9 @@ class Air:
                 one.delay + one.jitter * chance() + one.growth * (self._now() - one.since)
                 for one in disturbed
             )
-            yield HOP_DELAY + HOP_JITTER * chance() + extra + queue
+            way = HOP_DELAY + HOP_JITTER * chance() + extra + queue
+            yield way
+            yield from (way + one.again for one in disturbed if one.again > 0.0)
 
     def _chance(self, receiver: str) -> Callable[[], float]:
         """Return what draws the fate of messages to `receiver`."""

@@ -44,6 +44,7 @@ NETWORK: Mapping[str, Kind] = {
     "delay": Kind("links are slower by SIZE [s]", 0.05, 1.0, robots_only=False),
     "jitter": Kind("messages overtake each other, later by up to SIZE [s]", 0.05, 0.5, robots_only=False),
     "twice": Kind("receives and sends this share of its messages twice", 0.1, 1.0, robots_only=False),
+    "again": Kind("what it receives and sends arrives again SIZE [s] later", 0.5, 8.0, robots_only=False),
     "late": Kind("links become slower by SIZE every second [s/s]", 0.1, 1.0, robots_only=False),
     "throttle": Kind("links carry SIZE [bytes/s]", 500.0, 5000.0, robots_only=False),
     "cut": Kind("has no links", robots_only=False),
@@ -53,7 +54,7 @@ NETWORK: Mapping[str, Kind] = {
 PROCESSES: Mapping[str, Kind] = {
     "kill": Kind("its process is killed, and started again at the end", robots_only=False),
     "reset": Kind("the same, and its disk is empty then", robots_only=False),
-    "torn": Kind("its agent is killed while it writes its state, and started again at the end"),
+    "torn": Kind("its agent is killed while it writes its state and stops, and started again at the end"),
     "freeze": Kind("its process is suspended", robots_only=False),
     "slow": Kind("its process takes SIZE [s] for each step", 0.02, 0.3, robots_only=False),
     "unwatched": Kind("its watchdog is killed, and started again at the end"),
@@ -227,6 +228,7 @@ def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Calla
         "delay": Weather(delay=size),
         "jitter": Weather(jitter=size),
         "twice": Weather(twice=size),
+        "again": Weather(again=size),
         "late": Weather(growth=size, since=fault.since),
         "throttle": Weather(bandwidth=size),
     }[fault.kind]

@@ -27,6 +27,7 @@ from formation.agent.watchdog.process import watch
 from formation.deploy.fleet import access
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
 from formation.deploy.rehearsal.engine import UPTIME, Engine, Machine, VirtualProcess
+from formation.deploy.rehearsal.power_cut import cut_stops
 from formation.deploy.rehearsal.sides import Exchange, FleetPort, Permits, RobotPort
 from formation.leader.core import Leader
 from formation.leader.process import lead
@@ -69,7 +70,7 @@ class AgentFiles:
         """Why the newest write failed; empty if it did not."""
         self.is_open = True
         """Whether its process lives; nothing is written afterwards."""
-        self._disk, self._state = disk, f"{robot}.state"
+        self._disk, self._robot, self._state = disk, robot, f"{robot}.state"
         self.before = disk.files.get(self._state)
         """The saved state when this agent began."""
         self.restored_torn = False
@@ -105,11 +106,15 @@ class AgentFiles:
         return None if state is None else Path(f"{self._state}.failed")
 
     def tear(self) -> None:
-        """Leave the newest state half written."""
+        """Leave the newest state half written, and of the stops what a cut in the middle leaves."""
         data = self._disk.files.get(self._state)
         if data is not None:
             half = len(data) // 2
             self._disk.torn = self._disk.files[self._state] = data[:half] + b"0" * (len(data) - half)
+        stops = self._disk.files.pop(self.stops.name, None)
+        if stops is not None:
+            left = cut_stops(self._robot, stops)
+            self._disk.files.update({} if left is None else {self.stops.name: left})
 
     def _write(self, name: str, data: bytes) -> None:
         if not self.is_open:

@@ -44,11 +44,13 @@ class Following:
         self._expiry = expiry(fleet.mission)
         self._followed: dict[VirtualProcess, Followed] = {}
         self._quickest: dict[tuple[VirtualProcess, int], Newest] = {}  # orders of a term
+        self._counts: dict[tuple[VirtualProcess, str, str], int] = {}  # of each robot and publisher
 
     def look(self) -> None:
         """Check every agent that runs."""
         for name, (agent, process) in self._fleet.agents.items():
             if process.runs:
+                self._check_counts(name, agent, process)
                 self._check_leader(name, agent, process)
                 self._check_order(name, agent, process)
                 if agent.decision.state is AgentState.RUN:
@@ -72,6 +74,17 @@ class Following:
                 yield RELATIVE.key(name, other), spec.rate, False
             else:
                 yield POSITION.key(other), self._fleet.mission.robots[other].rate, self._stamped
+
+    def _check_counts(self, name: str, agent: Agent, process: VirtualProcess) -> None:
+        for other, neighbour in agent.neighbours.each.items():
+            bound = neighbour.publisher.state.bound
+            if bound is not None:
+                key = process, other, bound.publisher_id
+                if bound.count < self._counts.get(key, 0):
+                    self._tell(
+                        "orders", name, f"accepts position {bound.count} of {other} after {self._counts[key]}"
+                    )
+                self._counts[key] = bound.count
 
     def _check_leader(self, name: str, agent: Agent, process: VirtualProcess) -> None:
         followed, reason = agent.orders.newest, agent.decision.reason.code

@@ -7,7 +7,7 @@
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent not in state `run` commands zero, or a slow probe; a leader that orders a rest stands |
 | access | no process sends another what the access rules of the field refuse |
-| orders | no robot follows an order that is late, replaced, repeated or, where they are signed, forged |
+| orders | no robot follows repeated positions, nor late, replaced, repeated or (where signed) forged orders |
 | stop | a robot that acknowledged a stop has saved it, and stands until it is released, whatever restarts |
 | release | a robot that acknowledged a release or a hold stands until run is ordered |
 | mission | without other faults a robot that receives one of another mission stands after two seconds |
@@ -123,7 +123,7 @@ SECOND_AGENT_TIME = 1.0
 """Time after which a robot that two agents command must stand [s]."""
 LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
-TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice"))
+TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice", "again"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
 BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
 """Kinds of faults under which a robot's position is frozen or late.

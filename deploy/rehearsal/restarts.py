@@ -44,6 +44,7 @@ class Restarts:
                 self._known[name] = process, saved
                 if saved is not None:
                     self._check_vote(name, agent, saved)
+                self._check_stops(name, files)
             elif known[1] is not None:
                 self._check_integral(name, agent, known[1])
             if isinstance(files, AgentFiles) and files.restored_torn:
@@ -59,6 +60,13 @@ class Restarts:
         if state["mission"] != agent.mission.fingerprint or age > MAX_STATE_AGE:
             return None
         return Saved(state["voted_term"], complex(*state["integral"]), age, now)
+
+    def _check_stops(self, name: str, files: object) -> None:
+        stops = files.read_stops() if isinstance(files, AgentFiles) else None
+        try:
+            json.loads(stops or b"{}")
+        except ValueError:
+            self._tell("restored", name, "has half a file of stops on its disk")
 
     def _check_vote(self, name: str, agent: Agent, saved: Saved) -> None:
         known = agent.orders.voter.state.voted_term

@@ -122,6 +122,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"),
         _trio("robot1:repeat=0.12@4+4"),
         _trio("leader:jitter=0.5@4+8"),
+        _trio("robot1:again=2@4+10", "robot1:kill@7+4"),
     ),
     "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
     "slow": (
@@ -163,7 +164,11 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         *(Plan("swap", seed, ("kill", "torn", "reset", "hold", "stop", "unwatched")) for seed in range(6)),
     ),
     "barred": (Plan("blocked", faults=("robot2:kill@0.5", "robot3:kill@0.5")),),
-    "crowd": (Plan("crowd", delay=0.2), Plan("crowd", faults=("robot1:kill@1.5+6",))),
+    "crowd": (
+        Plan("crowd", delay=0.1),
+        Plan("crowd", delay=0.2),
+        Plan("crowd", faults=("robot1:kill@1.5+6",)),
+    ),
     "rests": (Plan("trio", told=RESTS),),
     "bend": (Plan("trio", seconds=30.0),),
     "paper": (Plan("trio_paper", faults=("robot1:kill@6+7",)),),

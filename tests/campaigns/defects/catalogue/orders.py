@@ -81,7 +81,7 @@ DEFECTS = (
         "if attachment.count <= bound.count:",
         "if attachment.count < bound.count - 1_000_000:",
         "repeated positions count",
-        ("relayed", "twice"),
+        ("twice", "relayed"),
     ),
     Defect(
         "second-publisher-accepted",

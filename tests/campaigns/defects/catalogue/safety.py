@@ -98,7 +98,7 @@ DEFECTS = (
         'if self.stop:\n            return Result(ok=False, code="stopped"',
         'if self.stop and self.hold:\n            return Result(ok=False, code="stopped"',
         "run is obeyed while stopped",
-        ("rests", "stop"),
+        ("waver", "rests", "stop"),
     ),
     Defect(
         "overtaken-obeyed",

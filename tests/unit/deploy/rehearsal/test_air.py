@@ -37,6 +37,11 @@ def test_share_is_lost_and_share_arrives_twice() -> None:
     assert counts.count(2) / 4000 == pytest.approx(0.35, abs=0.04)
 
 
+def test_copy_of_each_message_arrives_later() -> None:
+    later = air(Weather(again=2.0))
+    assert all(len(ways) == 2 and ways[1] == ways[0] + 2.0 for ways in sent(later))
+
+
 def test_delay_grows_from_its_beginning() -> None:
     class Later(Time):
         now = 7.0

@@ -22,6 +22,7 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.rehearsal.bridges import Restarted
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.power_cut import FailingPath
 from formation.deploy.rehearsal.received import Newest, OrdersReceived
 from formation.deploy.rehearsal.rehearsal import Plan, run
 from formation.leader.cohesion import Cohesion
@@ -99,6 +100,20 @@ def test_quickest_message_counts_for_some_time() -> None:
     newest = Newest().after(1.0, 1.1).after(2.0, 2.5)
     assert (newest.sent, newest.quickest) == pytest.approx((2.0, 0.1))
     assert newest.after(80.0, 80.5).quickest == pytest.approx(0.5)
+
+
+def test_repeated_position_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    faults = "robot1:again=2@4+10", "robot1:kill@7+4"
+    assert broken(TRIO, *faults) == set()
+    monkeypatch.setattr(AcceptedPublisher, "_judge", lambda *_: None)
+    assert "orders" in broken(TRIO, *faults)
+
+
+def test_half_a_file_of_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    faults = "robot1:stop@4+8", "robot2:torn@7+2"
+    assert broken(TRIO, *faults) == set()
+    monkeypatch.setattr(FailingPath, "with_suffix", lambda path, _: path)
+    assert "restored" in broken(TRIO, *faults)
 
 
 def test_robot_that_runs_while_stopped_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
