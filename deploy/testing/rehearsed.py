@@ -12,8 +12,9 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.engine import EPOCH, VirtualProcess
 from formation.deploy.rehearsal.faults import SENSORS, inject, parse
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
-from formation.deploy.rehearsal.judge import LOOK_PERIOD, Judge, Violation, command_in
 from formation.deploy.rehearsal.operator import Operator
+from formation.deploy.rehearsal.rules.commands import command_in
+from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome

@@ -21,9 +21,9 @@ from formation.deploy import rehearse as command
 from formation.deploy.cli import main as cli
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, parse
-from formation.deploy.rehearsal.judge import Violation
 from formation.deploy.rehearsal.rehearsal import Plan as Rehearsed
 from formation.deploy.rehearsal.rehearsal import rehearse
+from formation.deploy.rehearsal.rules.judge import Violation
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import parse as parse_mission

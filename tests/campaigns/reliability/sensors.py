@@ -15,7 +15,7 @@ from typing import NamedTuple
 import tomlkit
 
 from formation.agent.simulated.faults import Fault
-from formation.deploy.rehearsal.judge import MAX_BLIND_PATH, blind_faults
+from formation.deploy.rehearsal.rules.blind import MAX_BLIND_PATH, blind_faults
 from formation.mission.file import load
 from formation.mission.file import read as read_mission
 from formation.mission.model import Mission

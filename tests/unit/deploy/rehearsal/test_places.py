@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from formation.agent.watchdog.core import Watchdog
-from formation.deploy.rehearsal import places
 from formation.deploy.rehearsal.faults import parse
-from formation.deploy.rehearsal.places import room
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, run
+from formation.deploy.rehearsal.rules import places
+from formation.deploy.rehearsal.rules.places import room
 from formation.leader.candidacy import Candidacy
 from formation.leader.plan import Plan as LeaderPlan
 from formation.mission.file import load

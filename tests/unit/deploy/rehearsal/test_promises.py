@@ -8,10 +8,11 @@ import pytest
 
 from formation.agent.persistence.restore import Persistence
 from formation.agent.safety import failsafe
-from formation.deploy.rehearsal import judge, rehearsal
+from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import AgentFiles
 from formation.deploy.rehearsal.rehearsal import Plan, run
+from formation.deploy.rehearsal.rules import judge
 from formation.protocol.order import OperatorRequest
 from formation.protocol.reasons import Code
 from formation.protocol.stops import Rest, Result

@@ -12,12 +12,13 @@ from formation.agent.safety.commander import Commander
 from formation.agent.simulated.faults import Fault
 from formation.control.unicycle import Command
 from formation.deploy.refusal import Refusal
-from formation.deploy.rehearsal import judge, rehearsal
+from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SENSORS, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
+from formation.deploy.rehearsal.rules import judge
 from formation.deploy.rehearse import main
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.leader.candidacy import Candidacy

@@ -23,8 +23,8 @@ from formation.deploy.rehearsal.bridges import Restarted
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.power_cut import FailingPath
-from formation.deploy.rehearsal.received import Newest, OrdersReceived
 from formation.deploy.rehearsal.rehearsal import Plan, run
+from formation.deploy.rehearsal.rules.received import Newest, OrdersReceived
 from formation.leader.cohesion import Cohesion
 from formation.leader.plan import TeamMode
 from formation.mission.file import load, read
@@ -242,7 +242,7 @@ def test_wrong_index_of_a_recording_is_found(tmp_path: Path, monkeypatch: pytest
 
 def test_recorded_times_of_a_wrong_clock_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = Plan(PAIR, record=tmp_path / "run.mcap", text=read("turtlebot3_pair")[0])
-    monkeypatch.setattr("formation.deploy.rehearsal.recorded.EPOCH", 0.0)
+    monkeypatch.setattr("formation.deploy.rehearsal.rules.recorded.EPOCH", 0.0)
     assert run(plan, 0, ()).broken == {"record"}
 
 

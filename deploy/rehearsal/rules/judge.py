@@ -43,40 +43,31 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from formation.agent.pose.probe import PROBE_SPEED_SHARE
 from formation.agent.simulated.faults import LATE, STUCK, Fault
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
-from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
-from formation.control.tracker import MAX_DELAY
-from formation.control.unicycle import AT_REST, Command
-from formation.deploy.rehearsal.answers import Answers
-from formation.deploy.rehearsal.braking import Braking
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.following import Following
-from formation.deploy.rehearsal.leading import Leading
-from formation.deploy.rehearsal.naming import Naming
-from formation.deploy.rehearsal.places import AT_REST_STEP, Places
-from formation.deploy.rehearsal.received import Received, attachment_of
-from formation.deploy.rehearsal.recorded import wrong
-from formation.deploy.rehearsal.restarts import Restarts
-from formation.deploy.rehearsal.rounding import Rounding
-from formation.deploy.rehearsal.standing import Standing
-from formation.deploy.rehearsal.voting import Voting
+from formation.deploy.rehearsal.rules.answers import Answers
+from formation.deploy.rehearsal.rules.blind import BlindPaths
+from formation.deploy.rehearsal.rules.bodies import Braking, Standing
+from formation.deploy.rehearsal.rules.commands import Commands
+from formation.deploy.rehearsal.rules.following import Following
+from formation.deploy.rehearsal.rules.leading import Leading, Voting
+from formation.deploy.rehearsal.rules.naming import Naming
+from formation.deploy.rehearsal.rules.places import Places
+from formation.deploy.rehearsal.rules.received import Received, attachment_of
+from formation.deploy.rehearsal.rules.recorded import wrong
+from formation.deploy.rehearsal.rules.restarts import Restarts
 from formation.mission.model import Mission
-from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
-from formation.protocol.lateness import LATE_GAIN, own_age_limit
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.simulation.body import Body
 from formation.slots.shape import PlacedShape
-from formation.topics import CMD_VEL, POSITION
+from formation.topics import POSITION
 from formation.wire import Outgoing
 
 RULES = (
@@ -113,27 +104,12 @@ RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
 MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
 """Without faults: at least this time [s], and by how much longer than the longest way at top speed takes."""
-STOP_DELAY = 0.1
-"""Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
-TOLERANCE = 1e-6
-"""Relative excess of a limit that counts as rounding."""
 MIXED_TIME = 2.0
 """Time after which a robot that receives one of another mission must stand [s]."""
-SECOND_AGENT_TIME = 1.0
-"""Time after which a robot that two agents command must stand [s]."""
 LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
 TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice", "again"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
-BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
-"""Kinds of faults under which a robot's position is frozen or late.
-
-Not ``restamped``: without stamps only a changing speed shows a delay, so a robot may drive on until then.
-"""
-GRACE_TIME = 1.0
-"""Time from its first motion until the path of such a robot counts [s]."""
-MAX_BLIND_PATH = 0.1
-"""Path of such a robot that breaks the rule [m]."""
 
 
 class Violation(NamedTuple):
@@ -145,34 +121,6 @@ class Violation(NamedTuple):
     robot: str
     """Empty for the team."""
     what: str
-
-
-@dataclass
-class Blind:
-    """A fault that freezes or delays a position, and how far the robot drove."""
-
-    fault: Fault
-    since: float
-    """When the position is wrong or late enough to be judged [s]."""
-    until: float
-    at: complex | None = None
-    """Its true position at the newest check [m]."""
-    counts_from: float = math.inf
-    """`GRACE_TIME` after it first moved since then [s]."""
-    path: float = 0.0
-    """Its true path from `counts_from` on [m]."""
-
-    def drove_on(self, here: complex, now: float) -> bool:
-        """Update with its true position [m] at `now` [s]; return whether it drove `MAX_BLIND_PATH`."""
-        if not self.since <= now <= self.until:
-            return False
-        step = 0.0 if self.at is None else abs(here - self.at)
-        self.at = here
-        if step > AT_REST_STEP:
-            self.counts_from = min(self.counts_from, now + GRACE_TIME)
-        if now > self.counts_from:
-            self.path += step
-        return self.path >= MAX_BLIND_PATH
 
 
 class Judge:
@@ -188,15 +136,6 @@ class Judge:
         """When the formation settled after the last fault [s]."""
         mission = fleet.mission
         self._fleet, self._mission = fleet, mission
-        self._ramps = {name: _ramp_of(mission, name) for name in mission.followers}
-        self._newest: dict[str, tuple[float, Command]] = {}
-        self._keys = {CMD_VEL.key(name): name for name in mission.followers}
-        self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
-        self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
-        self._newest_order = ""  # id of the newest order
-        self._newest_run = 0  # number of the newest run that was ordered
-        self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
-        self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
@@ -205,7 +144,8 @@ class Judge:
         self._only_mixed = {one.kind for one in faults} == {"mixed"}
         self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
-        self._blind = blind_faults(mission, faults)
+        self._blind = BlindPaths(fleet, faults, self._tell)
+        self._commands = Commands(fleet, faults, self._tell)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
         self._can_settle = not slipping and not any(_is_lost_by(one, mission) for one in faults)
         self._drift = Body.of(mission.simulated_robot).drift
@@ -226,8 +166,6 @@ class Judge:
         self._standing = Standing(fleet, self._tell)
         self._braking = Braking(fleet, max_delay, self._tell)
         self._answers = Answers(fleet, self._tell)
-        self._rounding = Rounding(mission, self._tell)
-        fleet.local.watchers.append(self._command)
         self._position = POSITION.key(mission.leader)
         self._given: set[str] = set()  # the text of each order that a candidate has signed
         self._term, self._ended = 0, set[int]()  # the newest order's, and those that others have followed
@@ -241,7 +179,7 @@ class Judge:
     @property
     def blind_path(self) -> float:
         """Longest path of a robot with a frozen or late position [m]."""
-        return max((one.path for one in self._blind), default=0.0)
+        return self._blind.longest
 
     def expect(self, kind: str) -> None:
         """Take into account a fault of this kind, or an order, that happens from now on."""
@@ -255,12 +193,12 @@ class Judge:
         self._check_failures()
         self._check_leaders()
         self._check_bodies()
-        self._check_blind()
+        self._blind.look()
+        self._commands.look()
         for check in self._looks:
             check()
         for sender, receiver, key in self._fleet.fleet.refused:
             self._tell("access", sender, f"sends {key} to {receiver}: the rules of the field refuse it")
-        self._note_rivals()
         if self._only_mixed:
             self._check_missions()
         if self._fleet.keys is not None:
@@ -300,53 +238,12 @@ class Judge:
 
     def answered(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Note a robot's answer to an operator."""
-        if name not in self._mission.followers or not reply.ok:
-            return
-        if request.do == "stop":
-            self._check_saved(name, request, reply)
-            self._stopped.setdefault(name, self._fleet.engine.now)
-        elif request.do == "release":
-            self._stopped.pop(name, None)
-        rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
-        if rests and _number(request) > self._newest_run:
-            self._resting.setdefault(name, self._fleet.engine.now)
+        self._commands.answered(name, request, reply)
 
     def ordered(self, request: OperatorRequest) -> None:
         """Note what an operator orders."""
         self._leading.ordered(request)
-        if request.do != "query":
-            self._newest_order = request.id
-        if request.do == "run":
-            self._newest_run = _number(request)
-            self._resting.clear()
-
-    def _command(self, process: VirtualProcess, out: Outgoing) -> None:
-        name = self._keys.get(out.key)
-        if name is None or "agent " not in process.name:
-            return
-        now, command = self._fleet.engine.now, command_in(self._mission, name, out.payload)
-        if command != AT_REST and now - self._contested.get(name, now) > SECOND_AGENT_TIME:
-            self._tell("alone", name, f"{command.speed:g} m/s from {process.name}, beside another agent")
-        if not process.name.startswith("agent "):
-            return
-        spec, moves = self._mission.robots[name], command != AT_REST
-        shares = command.speed / spec.max_speed, command.turn_rate / spec.max_turn_rate
-        if not all(abs(share) <= 1.0 + TOLERANCE for share in shares):  # NaN is not within limits
-            self._tell("limits", name, f"{command.speed:g} m/s, {command.turn_rate:g} rad/s")
-        agent, _ = self._fleet.agents[name]
-        decision = agent.decision
-        slow = decision.probes and _as_slow_as_a_probe(spec, command)
-        if moves and decision.state is not AgentState.RUN and not slow:
-            self._tell("zero", name, f"{command.speed:g} m/s in state {decision.state}")
-        stopped = self._stopped.get(name)
-        if moves and stopped is not None and now > stopped + STOP_DELAY and name not in self._resets:
-            self._tell("stop", name, f"{command.speed:g} m/s {now - stopped:.2f} s after it was stopped")
-        resting = self._resting.get(name)
-        if moves and resting is not None and now > resting + STOP_DELAY and name not in self._resets:
-            self._tell("release", name, f"{command.speed:g} m/s {now - resting:.2f} s after it was to rest")
-        self._check_ramp(name, now, command)
-        self._rounding.check(name, agent, command)
-        self._newest[name] = now, command
+        self._commands.ordered(request)
 
     def _order(self, process: VirtualProcess, out: Outgoing) -> None:
         if out.key != self._position or out.attachment is None:
@@ -366,20 +263,6 @@ class Judge:
             followed, (text, _) = agent.state.orders.newest, agent.state.orders.signed
             if followed is not None and text not in self._given:
                 self._tell("orders", name, f"follows an order that no candidate gave: {text[:200]}")
-
-    def _check_ramp(self, name: str, now: float, command: Command) -> None:
-        time, before = self._newest.get(name, (-math.inf, AT_REST))
-        spec, most = self._mission.robots[name], self._ramps[name]
-        if most.time <= 0.0:
-            return
-        silence = now - time
-        share = FIRST_CHANGE_SHARE if silence > most.gap else min(silence, most.longest) / most.time
-        for new, old, limit, step in (
-            (command.speed, before.speed, spec.max_speed, spec.speed_step),
-            (command.turn_rate, before.turn_rate, spec.max_turn_rate, spec.turn_rate_step),
-        ):
-            if abs(new) > abs(old) + (share + 1e-3) * limit + 2.0 * step:
-                self._tell("ramp", name, f"from {old:g} to {new:g} within {silence:.3f} s")
 
     def _check_failures(self) -> None:
         for process in self._fleet.processes:
@@ -421,20 +304,6 @@ class Judge:
             not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges()
         )
 
-    def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
-        """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
-        replaced = name in self._resets or name in self._fleet.rivals or request.id != self._newest_order
-        saved = self._fleet.disks[name].files.get(f"{name}.stops.json", b"")
-        if not replaced and not reply.reason and request.id.encode() not in saved:
-            self._tell("stop", name, f"acknowledged {request.id} and has not saved it")
-
-    def _note_rivals(self) -> None:
-        for name, rival in self._fleet.rivals.items():
-            if rival.runs and self._fleet.agents[name][1].runs:
-                self._contested.setdefault(name, self._fleet.engine.now)
-            else:
-                self._contested.pop(name, None)
-
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
         self._places.look(discs, touches=self._sees_truly)
@@ -468,43 +337,9 @@ class Judge:
             for other in spec.neighbours
         )
 
-    def _check_blind(self) -> None:
-        for one in self._blind:
-            world, _ = self._fleet.robots[one.fault.robot]
-            if one.drove_on(world.plant(one.fault.robot).position, self._fleet.engine.now):
-                self._tell(
-                    "blind", one.fault.robot, f"{one.path:.2f} m with {one.fault.kind} since {one.since:g} s"
-                )
-
     def _tell(self, rule: str, robot: str, what: str) -> None:
         if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
             self.violations.append(Violation(rule, self._fleet.engine.now, robot, what))
-
-
-def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
-    """Return those of `faults` that are of `BLIND`, except of robots that are carried as well."""
-    faults = list(faults)
-    carried = {one.robot for one in faults if one.kind == "carried"}
-    return [
-        Blind(one, _blind_since(mission, one), one.since + one.lasts)
-        for one in faults
-        if one.kind in BLIND and one.robot not in carried
-    ]
-
-
-def _blind_since(mission: Mission, fault: Fault) -> float:
-    """Return when the position of a robot with `fault` counts as wrong or too late [s]; infinite if never."""
-    spec, gains = mission.robots[fault.robot], mission.gains
-    law = mission.law.controller
-    degree, k_p = law.degree(len(spec.neighbours)), min(gains.k_p, LATE_GAIN) if law.mean else gains.k_p
-    limit = own_age_limit(degree, k_p, gains.k_i, spec.rate, MAX_DELAY)
-    if fault.kind == "stale":
-        return fault.since if fault.size > limit else math.inf
-    if fault.kind == "stutter":  # one burst and one gap are needed to see that it is frozen
-        return fault.since + 2.0 * fault.size
-    if fault.kind == "backlog":  # what was measured after t seconds arrives after (1 + SIZE) t
-        return fault.since + limit * (1.0 + fault.size) / fault.size if fault.size > 0.0 else math.inf
-    return fault.since
 
 
 def _settling_time(mission: Mission) -> float:
@@ -517,22 +352,6 @@ def _settling_time(mission: Mission) -> float:
     return min(RECOVERY_TIME, max(MIN_SETTLING_TIME, SETTLING_FACTOR * longest))
 
 
-def _number(request: OperatorRequest) -> int:
-    """Number of an operator's request."""
-    return int(request.id.rpartition("-")[2])
-
-
-def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
-    """Whether `command` is slow enough for a probe; rounding may add one step."""
-    return all(
-        abs(value) <= max(PROBE_SPEED_SHARE * limit, step) + step + TOLERANCE
-        for value, limit, step in (
-            (command.speed, spec.max_speed, spec.speed_step),
-            (command.turn_rate, spec.max_turn_rate, spec.turn_rate_step),
-        )
-    )
-
-
 def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     """Whether a robot's odometry, its only source, is wrong after `fault` in the frame that it counts in."""
     spec = mission.robots.get(fault.robot)
@@ -541,18 +360,6 @@ def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     if spec is None or fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
         return False
     return spec.localisation == "odometry" and spec.odometry_frame == "start"
-
-
-def _ramp_of(mission: Mission, name: str) -> RampLimits:
-    spec = mission.robots[name]
-    return ramp_limits(spec.ramp if mission.law.controller.ramp else 0.0, spec.rate)
-
-
-def command_in(mission: Mission, name: str, payload: bytes) -> Command:
-    """Decode a command to the robot `name`."""
-    stamped = mission.robots[name].cmd_vel == "twist_stamped"
-    twist = decode(TwistStamped, payload) if stamped else decode(Twist, payload)
-    return Command(twist.speed, twist.turn_rate)
 
 
 def _state(fleet: Fleet, name: str) -> str:

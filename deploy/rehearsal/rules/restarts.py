@@ -9,7 +9,7 @@ from formation.agent.core import Agent
 from formation.agent.persistence.restore import MAX_INTEGRAL_AGE, MAX_STATE_AGE
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import AgentFiles, Fleet
-from formation.deploy.rehearsal.places import Tell
+from formation.deploy.rehearsal.rules.places import Tell
 
 RESTORE_TIME = 1.0
 """Time after its start in which an agent restores what its robot's first message agrees with [s]."""

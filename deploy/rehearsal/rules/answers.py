@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from formation.deploy.rehearsal.engine import VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.places import Tell
+from formation.deploy.rehearsal.rules.places import Tell
 from formation.protocol import order
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.stops import RESTS

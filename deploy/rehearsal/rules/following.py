@@ -10,8 +10,8 @@ from formation.agent.simulated.faults import Fault
 from formation.control.tracker import FRESH_PERIODS, longest_delay
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.places import Tell
-from formation.deploy.rehearsal.received import Newest, Received
+from formation.deploy.rehearsal.rules.places import Tell
+from formation.deploy.rehearsal.rules.received import Newest, Received
 from formation.protocol.election import expiry
 from formation.protocol.lateness import MAX_BEAT_LATENESS
 from formation.protocol.order import Order

@@ -16,8 +16,8 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.faults import OPERATOR
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.places import Tell
-from formation.deploy.rehearsal.received import Received
+from formation.deploy.rehearsal.rules.places import Tell
+from formation.deploy.rehearsal.rules.received import Received
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.topics import ODOM, POSE, POSITION

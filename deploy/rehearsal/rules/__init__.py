@@ -1,0 +1,1 @@
+"""The rules of a rehearsal: what must hold, checked while it runs."""
