@@ -92,7 +92,7 @@ def install(robot: Path, prefix: Path, *flags: str) -> subprocess.CompletedProce
     command = ["sh", str(robot / "install.sh"), "--prefix", str(prefix), *flags]
     variables = {name: value for name, value in os.environ.items() if name.startswith("PIP_")}
     variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=110, check=False)
+    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=250, check=False)
 
 
 class Deployed:
@@ -142,7 +142,8 @@ class Deployed:
     def order(self, do: str, process: str = "operator") -> subprocess.CompletedProcess[str]:
         """An order from the desk, with the operator's certificate (or another one's)."""
         desk = self.out / DESK
-        flags = ("-c", desk / f"{process}.json5", "--json")
+        seconds = "20" if process == "operator" else "3"  # an operator's ends as soon as all have answered
+        flags = ("-c", desk / f"{process}.json5", "--json", "--timeout", seconds)
         return self.desk.run(
             sys.executable, "-m", "formation.deploy", "order", desk / "mission.toml", do, *flags
         )

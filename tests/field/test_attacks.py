@@ -13,7 +13,7 @@ import pytest
 from formation.topics import POSITION
 from tests.field.assault import LASTS, attack, link, rises, without_effect
 from tests.field.team import VICTIM, Band, Team, driving
-from tests.support.namespaces import until
+from tests.support.namespaces import Running, until
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 
@@ -38,6 +38,7 @@ def test_members_are_never_refused(team: Team) -> None:
     with without_effect(team):
         monitor = team.desk_computer.start(*team.formation("monitor", *flags))
         monitor.event("ready")
+        until(lambda: receives(monitor), what="the monitor hears all that the victim tells")
         time.sleep(LASTS)
         answer = team.desk_computer.run(*order)
         assert monitor.stop() == 0
@@ -46,6 +47,12 @@ def test_members_are_never_refused(team: Team) -> None:
     received = monitor.event("summary")["received"]
     assert all(received[f"{VICTIM}/{topic}"] > 0 for topic in ("odom", "cmd_vel", "position", "status"))
     assert team.refused() == before
+
+
+def receives(monitor: Running) -> bool:
+    """Whether a monitor has the status of the victim, which it subscribes to after all else."""
+    shown = monitor.events("snapshot")
+    return bool(shown) and shown[-1]["robots"][VICTIM]["state"] == "run"
 
 
 @pytest.mark.parametrize("key", ["leader/position", "robot1/position", "robot2/position"])
@@ -164,7 +171,10 @@ def test_stolen_key_of_absent_robot_impersonates_it(team: Team) -> None:
     team.running["robot1"].signal(signal.SIGKILL)
     start = time.monotonic()
     attack(team, "put", link=link(team, "robot1"), keys=["robot1/position"], seconds=LASTS)
-    assert [command for command in team.commands(since=start) if not band.holds(command)]
+    until(
+        lambda: [command for command in team.commands(since=start) if not band.holds(command)],
+        what="a command that is not as before",
+    )
 
 
 def test_all_of_it_stands_in_the_summary_at_the_end(team: Team) -> None:

@@ -12,6 +12,7 @@ from formation.topics import BALLOT, ORDER, POSITION, ROUTE, STATUS
 from tests.field.missions import in_the_field
 from tests.field.sessions import Sessions, prepared
 from tests.support.child import free_endpoint
+from tests.support.namespaces import PATIENCE, until
 
 pytestmark = pytest.mark.processes
 
@@ -72,7 +73,11 @@ def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> 
     sessions.listen("operator", operator, STATUS.key("deputy"))
     sessions.answer(deputy, ORDER.key("deputy"))
     sessions.reaches(deputy, STATUS.key("deputy"), "operator")
-    replies = operator.get(ORDER.key("deputy"), payload=b"hold", timeout=5.0)
-    assert [reply.ok is not None for reply in replies] == [True]
+
+    def obeyed() -> list[bool]:
+        replies = operator.get(ORDER.key("deputy"), payload=b"hold", timeout=PATIENCE)
+        return [reply.ok is not None for reply in replies]
+
+    until(lambda: obeyed() == [True], what="the operator knows whom to ask, and is answered")
     with sessions.attacking("robot1", "deputy") as session:
         assert list(session.get(ORDER.key("deputy"), payload=b"hold", timeout=0.5)) == []

@@ -59,6 +59,10 @@ class Page:
         command = (sys.executable, "-c", ORDER, self.address, token or self.token, body)
         return Answer(*json.loads(self._team.desk_computer.run(*command).stdout))
 
+    def links(self) -> int:
+        """With robots, of the monitor and of the operator behind its page."""
+        return len(self._team.desk_computer.links(self._monitor.pid))
+
     def receives_all(self) -> bool:
         result = self._monitor.events("snapshot")
         return bool(result) and all(result[-1]["robots"][name]["state"] == "run" for name in HERE)
@@ -121,6 +125,7 @@ def test_order_without_certificate_explains_missing_option(team: Team) -> None:
 def test_operator_certificate_lets_page_stop_and_release_team(team: Team) -> None:
     before = team.refused()
     with monitored(team, *as_operator(team)) as page:
+        until(lambda: page.links() == 2 * len(HERE), what="monitor and operator are linked with all")
         since = time.monotonic()
         stop = page.order("stop")
         assert (stop.status, stop.obeyed, stop.report["missing"]) == (200, HERE, ["robot3"])

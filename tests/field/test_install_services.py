@@ -51,7 +51,7 @@ class Host:
             env={"PATH": os.environ["PATH"] + ":/usr/sbin:/sbin"},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=250,
             check=False,
         )
 

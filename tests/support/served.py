@@ -30,6 +30,10 @@ FLAGS = (
     "--disable-sync",
     "--no-first-run",
 )
+PATIENT = """const soon = globalThis.setTimeout;
+globalThis.setTimeout = (act, time, ...rest) => soon(act, time < 1000 ? time : 100 * time, ...rest);
+AbortSignal.timeout = () => new AbortController().signal;"""
+"""Run `before` a page, it gives a busy machine time: to answer, and to press a button a second time."""
 
 
 @contextmanager
@@ -73,6 +77,11 @@ def watched(
     assert not [text for text in wrong if not tolerated or tolerated not in text]
 
 
+def drawn(page: Page) -> None:
+    """Wait until the page has drawn the frames that have come."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => done()))")
+
+
 def until(page: Page, expression: str, patience: float = PATIENCE) -> Any:
     """What `expression` gives once that is true.
 
@@ -114,6 +123,7 @@ class Served:
 
     def play(self, pause: float = 0.1) -> None:
         """A frame every `pause` seconds, from now on."""
+        self._over.clear()
 
         def run() -> None:
             while not self._over.wait(pause):

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from formation.mission.file import load
 from formation.monitor.metrics.keys import watched
 from formation.monitor.recording.channels import SUFFIX
+from formation.monitor.recording.reader import read
 from formation.topics import GROUND_TRUTH, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
@@ -51,6 +52,16 @@ class Actor:
         while not all(self.side(key).watched(key) for key in last):
             assert time.monotonic() < deadline, "no monitor listens"
             time.sleep(0.01)
+
+    def wait_until_recorded(self, path: Path) -> None:
+        """Wait until the recording has all that was said: it is written twice a second.
+
+        A monitor that is told to stop waits for a moment only for what a busy machine has not sent yet.
+        """
+        deadline = time.monotonic() + PATIENCE
+        while self.published - read(path).extent().counts:
+            assert time.monotonic() < deadline, self.published - read(path).extent().counts
+            time.sleep(0.05)
 
     def play(self, seconds: float) -> None:
         """Twenty periods a second, everybody at another phase of each.

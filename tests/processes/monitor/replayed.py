@@ -116,8 +116,8 @@ class Replayed:
                 return hello, received.data
         raise AssertionError("the stream ended without a frame")
 
-    def result(self) -> dict[str, Any]:
-        self.process.wait(PATIENCE)
+    def result(self, patience: float = PATIENCE) -> dict[str, Any]:
+        self.process.wait(patience)
         self._reader.join(PATIENCE)
         assert self.process.stdout is not None
         found: dict[str, Any] = json.loads(self.process.stdout.read().splitlines()[-1])

@@ -38,7 +38,8 @@ def why(recording: Recorder) -> str | None:
 
 
 def levels(recording: Recorder) -> list[int]:
-    return [notice.level for notice in recording.notices()]
+    """Of all notices but that the disk is slow: what is fed faster than time may be faster than any disk."""
+    return [one.level for one in recording.notices() if not one.text.startswith("the disk is slow")]
 
 
 @pytest.mark.mounts
@@ -158,8 +159,7 @@ def test_deleted_part_is_lost_but_recording_continues(tmp_path: Path) -> None:
         shutil.rmtree(folder)
         feed(recording, 15.0, 20.0)
         assert why(recording) is None
-        reported = [level for level in levels(recording) if level != logging.WARNING]  # this disk may be slow
-        assert reported == [logging.INFO, logging.ERROR, logging.INFO]
+        assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
     assert [path.name for path in folder.iterdir()] == ["run-2.mcap"]
     kept = walls(folder / "run-2.mcap")
     assert kept[-50:] == tenths(15.0, 20.0)

@@ -6,11 +6,13 @@ Measured by the clock of the one that is killed, so that it does not matter how 
 from __future__ import annotations
 
 import mmap
+import os
 import random
 import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -88,9 +90,20 @@ def message(number: int) -> Sample:
     return command("robot3", number / RATE, 0.1, number / RATE)._replace(attachment=b'{"n": %d}' % number)
 
 
-def test_kill_at_any_moment_loses_a_second_only(tmp_path: Path) -> None:
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """In memory, where there is such a place: a kill takes the same there, however busy the disks are."""
+    memory = Path("/dev/shm")  # noqa: S108 - a folder of its own in there
+    if not os.access(memory, os.W_OK):
+        yield tmp_path
+        return
+    with tempfile.TemporaryDirectory(prefix="killed-", dir=memory) as name:
+        yield Path(name)
+
+
+def test_kill_at_any_moment_loses_a_second_only(folder: Path) -> None:
     choice = random.Random(20)
-    losses = [loss for turn in range(ROUNDS) for loss in killed(tmp_path / str(turn), choice)]
+    losses = [loss for turn in range(ROUNDS) for loss in killed(folder / str(turn), choice)]
     print("lost", sorted(round(loss, 2) for loss in losses))
     assert len(losses) == AT_ONCE * ROUNDS
     assert max(losses) <= LOSS

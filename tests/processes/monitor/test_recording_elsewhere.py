@@ -60,6 +60,7 @@ def test_one_in_parts(tmp_path: Path) -> None:
         actor,
     ):
         actor.play(4.0)
+        actor.wait_until_recorded(path)
         child.signal(signal.SIGTERM)
         _, summary = events(child)
     parts = [Path(part) for part in summary["recording_parts"]]

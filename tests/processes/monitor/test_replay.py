@@ -15,7 +15,7 @@ from formation.monitor.recording.reader import Recorded, read
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
 from tests.processes.monitor.replayed import Replayed, Run, drive, replaying
-from tests.support.child import free_endpoint, until
+from tests.support.child import PATIENCE, free_endpoint, until
 from tests.support.launched import command
 
 pytestmark = pytest.mark.processes
@@ -63,10 +63,11 @@ def test_replay_publishes_every_message_exactly_with_attachment(run: Run, messag
     ):
         bus.subscribe("**")
         receive_something(bus, replay)
-        start = time.monotonic()
+        start, before = time.monotonic(), bus.received.total()
         replay.steered("play")
-        result = replay.result()
+        result = replay.result(PATIENCE + messages[-1].wall - messages[0].wall)
         took = time.monotonic() - start
+        until(lambda: bus.received.total() - before >= len(messages))  # some may still be on their way
         received = bus.drain()
     assert {sample.key.partition("/")[0] for sample in received} == {"replay"}
     played = by_key([one.sample for one in messages])

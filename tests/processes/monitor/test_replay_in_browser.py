@@ -16,7 +16,7 @@ from formation.topics import ERROR, EVENTS
 from formation.wire import Sample
 from tests.processes.monitor.replayed import Replayed, replaying
 from tests.support.monitored import EPOCH, Fleet
-from tests.support.served import until, watched
+from tests.support.served import drawn, until, watched
 from tests.unit.monitor.recording.test_recorder import recorder
 
 pytestmark = [pytest.mark.processes, pytest.mark.browser]
@@ -80,6 +80,7 @@ def test_a_recording_is_paused_wound_and_hurried_with_the_mouse(browser: Browser
         page.click("#replay-play")
         page.locator("#connection", has_text="paused").wait_for()
         assert stands(page)
+        drawn(page)
         assert page.inner_text("#replay-play") == "▶ Play"
         assert not page.is_visible("#stale")  # though what is seen does not change
 
@@ -102,6 +103,7 @@ def test_a_recording_is_paused_wound_and_hurried_with_the_mouse(browser: Browser
         until(page, f"{AT} > {before + 6}")
         now, after = page.evaluate(CLOCKS)
         assert after - before > 1.5 * (now - then)
+        drawn(page)
         assert page.inner_text("#replay-play") == "Ⅱ Pause"
 
 

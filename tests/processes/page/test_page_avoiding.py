@@ -10,10 +10,12 @@ from tests.processes.page.scene import Scene
 from tests.support.served import served, until, watched
 
 pytestmark = pytest.mark.browser
-PIXEL = """(([x, y]) => {
-  const {camera, canvas, pen} = formation.view, dots = canvas.width / canvas.clientWidth;
-  return [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
+PIXELS = """((places) => {
+  const {camera, canvas, pen, requested} = formation.view, dots = canvas.width / canvas.clientWidth;
+  const pixel = ([x, y]) => [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
+  return camera.placed && !requested && places.map(pixel);
 })"""
+"""What is seen at some places, once all is drawn: a canvas whose size is set is empty until then."""
 
 
 def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
@@ -24,18 +26,16 @@ def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
             scene.posts, scene.walls = [[-1.0, 0.3, 0.15]], [[-1.5, -0.4, -0.5, -0.4]]
         with served(scene) as one, watched(browser, one.address, tolerated="Canvas2D") as page:
             one.feed(3)
-            until(page, "formation.view.camera.placed && formation.model.frames >= 1")
-            page.wait_for_timeout(200)
-            found[things] = [page.evaluate(f"{PIXEL}({place})") for place in ([-1.0, 0.33], [-1.1, -0.4])]
+            found[things] = until(page, f"{PIXELS}([[-1.0, 0.33], [-1.1, -0.4]])")
     assert found[True][0] == found[True][1]
     assert not set(found[True]) & set(found[False])
 
 
 def test_row_shows_avoiding_blocked_and_unavailable_robots(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
-        one.play()
         one.scene.avoiding = {"robot3": AVOIDING["avoids"], "robot4": AVOIDING["blocked"]}
         one.scene.unavailable.add("robot4")
+        one.play()
         until(page, "document.querySelector('[data-robot=robot3] .reason').textContent !== ''")
         assert page.inner_text('[data-robot="robot3"] .reason') == "avoids a collision"
         assert page.inner_text('[data-robot="robot4"] .reason') == "unavailable"

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Route
 
 from tests.processes.page.asking import Driven
 from tests.processes.page.scene import EPOCH, Scene
 from tests.support.child import PATIENCE
-from tests.support.served import Served, served, until, watched
+from tests.support.served import PATIENT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
@@ -37,6 +37,21 @@ class Fleet(Driven):
         self.clicks: set[str] = set()
         self.slow: dict[str, threading.Event] = {}
         """What an order waits for before it is answered."""
+        self.driving = threading.Event()
+        """What a velocity waits for before it is answered."""
+        self.driving.set()
+
+    def drive(self, **how: Any) -> dict[str, Any]:
+        answer = super().drive(**how)
+        assert self.driving.wait(PATIENCE)
+        return answer
+
+    def wait_for(self, what: Callable[[], bool], page: Page) -> None:
+        """Wait until so much has come from the page."""
+        deadline = time.monotonic() + PATIENCE
+        while not what():
+            assert time.monotonic() < deadline, self.driven[-5:]
+            page.wait_for_timeout(20)
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """What `formation order --json` says."""
@@ -77,8 +92,8 @@ def controlled(fleet: Fleet) -> Iterator[Served]:
 
 
 @contextmanager
-def invited(browser: Browser, one: Served) -> Iterator[Page]:
-    with watched(browser, f"{one.address}#token={TOKEN}") as page:
+def invited(browser: Browser, one: Served, tolerated: str = "") -> Iterator[Page]:
+    with watched(browser, f"{one.address}#token={TOKEN}", before=PATIENT, tolerated=tolerated) as page:
         page.wait_for_selector('[data-do="stop"]', state="visible")
         yield page
 
@@ -89,7 +104,7 @@ def test_without_control_there_are_no_buttons_and_no_shortcut(browser: Browser) 
         until(page, "formation.model.frames > 0")
         assert not page.is_visible("#orders")
         posts = []
-        page.on("request", lambda request: posts.append(request.url))
+        page.on("request", lambda one: posts.append(one.url) if one.method == "POST" else None)
         for _ in range(2):
             page.keyboard.press("Escape")
         assert page.evaluate(POST) in {404, 405}
@@ -143,6 +158,28 @@ def test_late_answer_does_not_hide_result_of_stop(browser: Browser, controlled: 
         assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
 
 
+def test_order_without_answer_does_not_hide_result_of_newer_order(
+    browser: Browser, controlled: Served
+) -> None:
+    held: list[Route] = []
+
+    def hold_up(route: Route) -> None:
+        if "hold" in (route.request.post_data or ""):
+            held.append(route)
+        else:
+            route.continue_()
+
+    with invited(browser, controlled, tolerated="net::ERR") as page:
+        page.route("**/api/order", hold_up)
+        page.click('[data-do="hold"]')
+        page.click('[data-do="stop"]')
+        page.locator("#order-result", has_text="stop: 4 of 6").wait_for()
+        with page.expect_event("requestfailed"):
+            held[0].abort()
+        page.wait_for_timeout(100)
+        assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
+
+
 def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Served, fleet: Fleet) -> None:
     with invited(browser, controlled) as page:
         for do in ("run", "release", "shape"):
@@ -164,7 +201,7 @@ def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Ser
 def test_pending_confirmation_ends_with_other_button_or_timeout(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:
-    with invited(browser, controlled) as page:
+    with watched(browser, f"{controlled.address}#token={TOKEN}") as page:
         page.click('[data-do="run"]')
         page.click('[data-do="release"]')
         assert "press again" not in page.locator('[data-do="run"]').inner_text()
@@ -220,11 +257,12 @@ def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
     with served(Scene(6, live=False), steer=player.steer) as one, watched(browser, one.address) as page:
         one.feed(20)
         page.locator("#replay-time", has_text="0:02 of 0:30").wait_for()
+        one.play()
         page.locator("#connection", has_text="replay").wait_for()
         page.click("#replay-play")
         page.select_option("#replay-speed", "5")
         page.locator("#replay-at").fill("12.5")
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + PATIENCE
         while len(player.requested) < 3 and time.monotonic() < deadline:
             page.wait_for_timeout(20)
         assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
@@ -244,6 +282,28 @@ def test_pad_drives_while_it_is_held(browser: Browser, controlled: Served, fleet
     assert max(forward for forward, _, _ in fleet.driven) > 0.9
     assert fleet.driven[-1][:2] == (0.0, 0.0)
     assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
+
+
+def test_pad_that_is_gripped_again_at_once_drives_again(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        page.click("#drive-open")
+        box = page.locator("#drive-pad").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
+        page.mouse.down()
+        page.locator("#drive-state", has_text="driving").wait_for()
+        fleet.driving.clear()
+        page.mouse.up()
+        fleet.wait_for(lambda: fleet.driven[-1][:2] == (0.0, 0.0), page)
+        page.mouse.down()  # while the zero is not answered yet
+        fleet.driving.set()
+        stood = len(fleet.driven)
+        fleet.wait_for(lambda: len(fleet.driven) > stood, page)
+        assert fleet.driven[-1][0] > 0.9
+        page.mouse.up()
+        page.locator("#drive-state", has_text="let go").wait_for()
 
 
 def test_pad_drives_by_the_main_button_only(browser: Browser, controlled: Served, fleet: Fleet) -> None:
@@ -268,10 +328,7 @@ def test_arrow_keys_drive_the_pad_that_has_the_focus(
         page.keyboard.down("ArrowUp")
         page.keyboard.down("ArrowLeft")
         page.locator("#drive-state", has_text="driving").wait_for()
-        for _ in range(100):
-            if (1.0, 1.0) in {one[:2] for one in fleet.driven}:
-                break
-            page.wait_for_timeout(50)
+        fleet.wait_for(lambda: (1.0, 1.0) in {one[:2] for one in fleet.driven}, page)
         page.evaluate("document.querySelector('#drive-pad').blur()")
         page.locator("#drive-state", has_text="let go").wait_for()
     assert (1.0, 1.0) in {one[:2] for one in fleet.driven}
@@ -280,7 +337,8 @@ def test_arrow_keys_drive_the_pad_that_has_the_focus(
 
 def test_tapped_points_become_a_route(browser: Browser, controlled: Served, fleet: Fleet) -> None:
     with invited(browser, controlled) as page:
-        until(page, "formation.model.frames > 0")
+        until(page, "formation.view.camera.placed")
+        page.click("#follow")  # so that the plane stays where it is between two taps
         page.click("#route-open")
         box = page.locator("#map").bounding_box()
         assert box is not None

@@ -13,7 +13,8 @@ from formation.monitor.web import control
 from formation.monitor.web.control import Operator
 from tests.processes.page.scene import Scene
 from tests.processes.page.test_control import SIX, Team
-from tests.support.served import Served, served, until, watched
+from tests.support.child import free_endpoint
+from tests.support.served import PATIENT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 REFUSED = "status of 40"
@@ -55,7 +56,7 @@ def desk(operator: Operator) -> Iterator[Served]:
 
 @contextmanager
 def opened(browser: Browser, desk: Served, token: str) -> Iterator[Page]:
-    with watched(browser, f"{desk.address}#token={token}", tolerated=REFUSED) as page:
+    with watched(browser, f"{desk.address}#token={token}", before=PATIENT, tolerated=REFUSED) as page:
         page.wait_for_selector('[data-do="stop"]', state="visible")
         yield page
 
@@ -105,10 +106,11 @@ def test_page_without_frames_releases_no_robot(
 
 
 def test_tab_of_restarted_monitor_gives_no_orders(browser: Browser, team: Team, operator: Operator) -> None:
-    with served(Now(6, control=True), operator) as first:
+    port = int(free_endpoint().rpartition(":")[2])
+    with served(Now(6, control=True), operator, port=port) as first:
         first.play()
         with opened(browser, first, operator.token) as page:
-            port = int(first.address.rstrip("/").rpartition(":")[2])
+            page.route("**/stream", lambda _: None)  # a page that is greeted again asks for another token
             first.close()
             with served(Now(6, control=True), Operator(SIX, team, lambda _: None), port=port) as second:
                 second.play()

@@ -8,7 +8,8 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.processes.page.scene import EPOCH, Scene
-from tests.support.served import Served, served, until, watched
+from tests.support.child import free_endpoint
+from tests.support.served import Served, drawn, served, until, watched
 
 pytestmark = pytest.mark.browser
 LONG = "/home/somebody/recordings/" + "a_name_that_is_rather_long_" * 4 + ".mcap"
@@ -48,16 +49,16 @@ def test_a_long_name_and_all_remarks_have_room(browser: Browser, played: Served,
 
 def test_it_says_that_it_seeks_and_from_where_on_figures_count(browser: Browser, played: Served) -> None:
     with watched(browser, played.address) as page:
-        until(page, "formation.model.frames > 0")
-        assert page.get_attribute("#replay", "aria-busy") == "false"
+        page.locator('#replay[aria-busy="false"]').wait_for()
         assert not page.is_visible("#replay-remarks")
         played.scene.replay |= {"seeking": True, "paused": True}
         played.feed()
         page.locator("#connection", has_text="seeking").wait_for()
-        assert page.get_attribute("#replay", "aria-busy") == "true"
+        page.locator('#replay[aria-busy="true"]').wait_for()
         played.scene.replay |= {"seeking": False, "counted_from": EPOCH + 65.0, "drift": 2.34, "skipped": 17}
         played.feed()
         page.locator("#connection", has_text="paused").wait_for()
+        drawn(page)
         assert page.inner_text("#replay-remarks") == (
             "▲ settling, elapsed time and counts since 1:05 only · 2.3 s late"
             " · 17 messages came too late to be published"
@@ -65,6 +66,7 @@ def test_it_says_that_it_seeks_and_from_where_on_figures_count(browser: Browser,
         played.scene.replay |= {"finished": True}
         played.feed()
         page.locator("#connection", has_text="at its end").wait_for()
+        drawn(page)
         assert "Play" in page.inner_text("#replay-play")
 
 
@@ -72,7 +74,7 @@ def test_a_replay_that_plays_and_shows_nothing_new_has_stopped(browser: Browser,
     with watched(browser, played.address) as page:
         page.wait_for_selector("#stale", state="visible")
         assert page.inner_text("#stale").startswith("✕ THE REPLAY HAS STOPPED.")
-        played.feed()
+        played.play()
         page.wait_for_selector("#stale", state="hidden")
 
 
@@ -83,13 +85,34 @@ def test_frames_from_before_a_seek_leave_the_slider_alone(browser: Browser) -> N
         one.feed()
         until(page, "formation.model.frames > 0")
         page.locator("#replay-at").fill("20")
-        one.feed(3)
-        until(page, "formation.model.frames > 3")
-        page.wait_for_timeout(100)
-        assert page.input_value("#replay-at") == "20"
+        for _ in range(3):
+            seen = page.evaluate("formation.model.frames")
+            one.feed()
+            until(page, f"formation.model.frames > {seen}")
+            drawn(page)
+            assert page.input_value("#replay-at") == "20"
         scene.replay |= {"seeks": 1, "t": EPOCH + 7.0}
         one.feed()
         until(page, "document.getElementById('replay-at').value === '7'")
+
+
+def test_slider_follows_a_replay_that_was_started_anew(browser: Browser) -> None:
+    """It counts its seeks from 0 again."""
+    port = int(free_endpoint().rpartition(":")[2])
+    scene = Scene(6, live=False)
+    scene.replay |= {"paused": True, "seeks": 0}
+    value = "document.getElementById('replay-at').value"
+    with served(scene, steer=lambda _do, _to: {"seeks": 5}, port=port) as first:
+        first.feed()
+        with watched(browser, first.address, tolerated="net::ERR") as page:
+            until(page, "formation.model.frames > 0")
+            with page.expect_response("**/api/replay"):
+                page.locator("#replay-at").fill("20")
+            first.close()
+            scene.replay |= {"t": EPOCH + 7.0}
+            with served(scene, port=port) as second:
+                second.play()
+                until(page, f"{value} === '7'")
 
 
 def test_one_that_is_paused_does_not_get_old(browser: Browser, played: Served) -> None:

@@ -11,7 +11,7 @@ import pytest
 from formation.monitor.web.address import Bind
 from formation.monitor.web.server import PageServer, opened, words
 from tests.processes.page.asking import requested
-from tests.support.child import until
+from tests.support.child import PATIENCE, until
 from tests.support.looking import ANY, SEEN, looking, serving, source
 
 FRAME = {"t": 1.0, "recording": None}
@@ -59,7 +59,8 @@ def test_departed_clients_are_not_counted() -> None:
         until(lambda: not server.source.wanted)
 
 
-def test_figures_are_of_the_moment_when_they_are_asked_for() -> None:
+def test_figures_are_of_the_moment_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.monitor.web.stream.MAX_FRAME_WAIT", PATIENCE)
     with serving() as server:
         server.source.show(FRAME, SEEN)  # an old one, which nobody is to get
 
@@ -139,6 +140,7 @@ def test_server_failure_is_logged_and_monitor_continues(
         raise RuntimeError("no metrics at the moment")
 
     monkeypatch.setattr("formation.monitor.web.routes.as_json", fails)
+    monkeypatch.setattr("formation.monitor.web.stream.MAX_FRAME_WAIT", PATIENCE)
     with serving() as server:
         watching = threading.Event()
 

@@ -20,7 +20,7 @@ from formation.monitor.web.connection import OPERATOR, Connection, Standing
 from formation.monitor.web.server import PageServer
 from tests.processes.page.asking import BEARER, TOKEN, Orders, Player, requested
 from tests.support.child import PATIENCE, until
-from tests.support.looking import PLAIN, SEEN, dial, looking, serving, source
+from tests.support.looking import ANY, PLAIN, SEEN, dial, looking, serving, source
 
 REQUEST = b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LARGE = {"t": 0.0, "recording": None, "filling": 100_000 * "x"}
@@ -63,7 +63,8 @@ def test_sleeping_client_delays_no_other_and_queues_nothing() -> None:
     assert grown < 15_000_000  # of the 50 MB that it did not read
 
 
-def test_a_client_that_wakes_up_goes_on_with_what_is_new() -> None:
+def test_a_client_that_wakes_up_goes_on_with_what_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.monitor.web.stream.STALLED_TIMEOUT_SECONDS", 1e6)  # however long it sleeps
     with serving() as server, asleep(server) as sleeper:
         until(lambda: server.source.wanted)
         for number in range(500):
@@ -73,6 +74,7 @@ def test_a_client_that_wakes_up_goes_on_with_what_is_new() -> None:
         times: list[float] = []
         while not times or times[-1] != 499.0:
             line = reader.readline()
+            assert line, "hung up on"
             if line.startswith(b'data: {"t":'):
                 times.append(float(line[11:].partition(b",")[0]))
         reader.close()
@@ -97,9 +99,9 @@ def test_leaving_viewer_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) 
         people = [stack.enter_context(looking(server)) for _ in range(2)]
         with looking(server) as events:
             assert {next(one).kind for one in (events, *people)} == {"hello"}
-            refused = httpx.get(server.address + "stream", verify=PLAIN)
+            refused = httpx.get(server.address + "stream", timeout=PATIENCE, verify=PLAIN)
             assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
-            assert httpx.get(server.address + "healthz", verify=PLAIN).status_code == 200
+            assert httpx.get(server.address + "healthz", timeout=PATIENCE, verify=PLAIN).status_code == 200
         until(lambda: server.source._looking == 2)
         assert next(stack.enter_context(looking(server))).kind == "hello"
 
@@ -211,11 +213,15 @@ def test_connection_without_request_is_closed(words: bytes, monkeypatch: pytest.
 def test_viewer_does_not_count_as_silent_connection(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 0.02)
     monkeypatch.setattr("formation.monitor.web.stream.COMMENT_PERIOD", 0.02)
-    with serving() as server, dial(server) as one:
-        one.sendall(REQUEST)
-        received = b""
-        while received.count(b"\n:\n") < 20:  # signs of life, far beyond that time
-            received += one.recv(65536).replace(b"\r", b"")
+    server = PageServer(ANY, source())
+    with dial(server) as one:
+        one.sendall(REQUEST)  # before it is served, for a busy machine may take longer than that to ask
+        with server:
+            received = b""
+            while received.count(b"\n:\n") < 20:  # signs of life, far beyond that time
+                more = one.recv(65536)
+                assert more, "hung up on"
+                received += more.replace(b"\r", b"")
 
 
 def test_a_body_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,7 +243,7 @@ def test_rubbish_gets_no_further_than_the_door(caplog: pytest.LogCaptureFixture)
                     one.sendall(words)
                     one.shutdown(socket.SHUT_WR)
                 assert closed(one)
-        assert httpx.get(server.address + "healthz", verify=PLAIN).status_code == 200
+        assert httpx.get(server.address + "healthz", timeout=PATIENCE, verify=PLAIN).status_code == 200
     assert caplog.records == []
 
 

@@ -77,13 +77,17 @@ export class DrivePad {
     byId("drive-knob").style.transform = `translate(${-2.7 * wanted[1]}rem, ${-2.7 * wanted[0]}rem)`;
   }
 
+  get released() {
+    return this.wanted[0] === 0 && this.wanted[1] === 0 && this.gripped == null && !this.held.size;
+  }
+
   /** Send a velocity each period while the pad is held, and zero once at its end; one at a time. */
   async drive() {
     if (this.driving) return;
     this.driving = true;
     let last = false;
-    while (!last) {
-      last = this.wanted[0] === 0 && this.wanted[1] === 0 && this.gripped == null && !this.held.size;
+    while (!last || !this.released) { // it may be gripped again while the zero is on its way
+      last = this.released;
       const next = new Promise((done) => setTimeout(done, PERIOD));
       await this.send(this.wanted);
       await next;

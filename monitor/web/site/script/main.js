@@ -59,7 +59,7 @@ const stream = new Stream("stream", {
     model.note(event);
     events.add();
   },
-});
+}, () => replay.begin());
 const header = new Header(model, stream);
 
 let requested = false;

@@ -108,6 +108,7 @@ export class Orders {
       // what came of an older order hides nothing that is newer; what came of a stop is always shown
       if (turn === this.turn || what === "stop") this.receive(what, answer, reply);
     } catch (error) {
+      if (turn !== this.turn && what !== "stop") return;
       const text = error.name === "TimeoutError" ? "NO ANSWER from the monitor" : "NOT SENT, the monitor cannot be reached";
       this.tell("bad", `${what}: ${text}. Use the emergency stop on the robots.`);
     }

@@ -32,6 +32,11 @@ export class ReplayBar {
     return this.now.paused || this.now.finished === true;
   }
 
+  /** A connection begins, perhaps to a replay that was started anew and counts its seeks from 0. */
+  begin() {
+    this.seeks = 0;
+  }
+
   greet() {
     setHidden(byId("replay"), this.model.hello.live);
   }
@@ -47,7 +52,7 @@ export class ReplayBar {
       .catch(() => null);
     const state = answer?.ok ? await answer.json().catch(() => null) : null;
     this.asked -= 1;
-    this.seeks = state?.seeks ?? this.seeks;
+    this.seeks = Math.max(this.seeks, state?.seeks ?? 0); // answers may overtake each other
     setText(byId("replay-notice"), answer?.ok ? "" : `${what}: not obeyed`);
   }
 

@@ -6,10 +6,11 @@ const AGAIN = 1000; // between two attempts [ms]
 const OLD = 1.5; // a server whose monitor hangs greets with the last frame it was given, so long ago [s]
 
 export class Stream {
-  /** `handlers` has a function for each kind of event: hello, frame, event. */
-  constructor(address, handlers) {
+  /** `handlers` has a function for each kind of event: hello, frame, event; `begin` is called with each connection. */
+  constructor(address, handlers, begin) {
     this.address = address;
     this.handlers = handlers;
+    this.begin = begin;
     this.received = performance.now(); // when anything last came
     this.framed = null; // when a frame last came
     this.greeted = null; // what time it was there, until the first frame after that [s, the server's clock]
@@ -24,6 +25,7 @@ export class Stream {
     this.hangUp();
     this.dialled = this.received = performance.now();
     this.source = new EventSource(this.address);
+    this.source.onopen = this.begin;
     this.source.onerror = () => {
       this.open = false;
     };
