@@ -238,7 +238,8 @@ def test_a_bad_mission_starts_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.smoke
 def test_orders_reach_a_running_mission_and_each_robot_acknowledges(tmp_path: Path) -> None:
-    with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
+    flags = ("--duration", "300", "--record", "run.mcap")  # four orders take as long as the machine does
+    with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         assert process.stderr is not None
         hint = process.stderr.readline().partition("another terminal: ")[2].split()
         assert hint[:3] == ["formation", "stop", "turtlebot3_pair"]
