@@ -16,7 +16,7 @@ from formation.topics import EVENTS, STATUS
 from tests.processes.fleet.twenty import LEADER, twenty
 from tests.support.child import started
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.processes
 SECOND_SHAPE = "[shapes.apart]\nrobot1 = [-1.5, -2.0]\nrobot2 = [-1.0, 0.5]\n"
 ROUTE = "[[route]]\nspeed = 0.05\nheading_deg = 10\n"
 REFUSED = "run "
