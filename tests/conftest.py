@@ -61,6 +61,8 @@ class StallWatch:
 
     def __init__(self) -> None:
         self._longest = 0.0
+        self._slept = monotonic()  # since when the thread sleeps, or since the last call if that was later
+        self._changing = threading.Lock()
         self._thread = threading.Thread(target=self._watch, name="stalls", daemon=True)
 
     def start(self) -> None:
@@ -68,17 +70,20 @@ class StallWatch:
         self._thread.start()
 
     def longest_since_last_call(self) -> float:
-        """Return the longest delay since the last call [s], and forget it."""
-        longest, self._longest = self._longest, 0.0
+        """Return the longest delay since the last call [s], the present one included, and forget it."""
+        with self._changing:
+            now = monotonic()
+            longest = max(self._longest, now - self._slept - SLEEP_SECONDS)
+            self._longest, self._slept = 0.0, now
         return longest
 
     def _watch(self) -> None:
-        before = monotonic()
         while True:
             sleep(SLEEP_SECONDS)
-            now = monotonic()
-            self._longest = max(self._longest, now - before - SLEEP_SECONDS)
-            before = now
+            with self._changing:
+                now = monotonic()
+                self._longest = max(self._longest, now - self._slept - SLEEP_SECONDS)
+                self._slept = now
 
 
 class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types

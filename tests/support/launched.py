@@ -20,6 +20,9 @@ import psutil
 
 from tests.support.child import PATIENCE
 
+LONGEST_START = 120.0
+"""How long all processes of a run may take to start on a machine with much to do [s]."""
+
 
 @contextmanager
 def command(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
@@ -93,15 +96,17 @@ class Output:
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
         self._elapsed = 0.0
+        self._said = time.monotonic()  # when it said something last [s]
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def wait(self, seconds: float) -> list[psutil.Process]:
         """Wait until it says that it has run for so long; its children then."""
-        deadline = time.monotonic() + seconds + PATIENCE
         while self._elapsed < seconds:
             assert self._reader.is_alive(), f"it ended with exit code {self._process.wait(PATIENCE)}"
-            assert time.monotonic() < deadline, f"after {self._elapsed} s it said nothing any more"
+            patience = PATIENCE if self._elapsed else LONGEST_START
+            silent = time.monotonic() - self._said
+            assert silent < patience, f"after {self._elapsed} s it said nothing any more"
             time.sleep(0.01)
         return psutil.Process(self._process.pid).children(recursive=True)
 
@@ -117,6 +122,7 @@ class Output:
     def _read(self) -> None:
         assert self._process.stderr is not None
         for line in self._process.stderr:
+            self._said = time.monotonic()
             self._elapsed = run_for(line) or self._elapsed
 
 

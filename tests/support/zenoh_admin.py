@@ -8,7 +8,8 @@ The admin space of a session with the identifier ZID, of the kind KIND (peer, ro
   session itself declared KEY; what it only knows of others has theirs. KEY comes with the team's prefix.
 
 A session with a namespace sees no admin space but its own, so this one has none. A peer shows nothing but
-itself; a router shows its clients as well.
+itself; a router shows its clients as well. Sessions that look are left out of what is seen, those of earlier
+looks too: a process may show one for a moment after it has closed.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ from typing import Any
 import zenoh
 
 from formation.transport.bus_config import DEFAULTS
+from tests.support.child import PATIENCE
+
+_LOOKING: set[str] = set()
+"""Identifiers of all sessions of this process that look, or looked, at others."""
 
 
 @dataclass(frozen=True)
@@ -38,29 +43,28 @@ class Peer:
     publications: frozenset[str]
     """Keys it publishes itself."""
     links: dict[str, int]
-    """Identifier of each session linked with it, ours left out, and the number of links with it."""
+    """Identifier of each session linked with it but those that look, and the number of links with it."""
     kinds: frozenset[str]
     """What those sessions are: peer, client or router."""
     locators: tuple[str, ...]
     """Where it accepts links."""
 
 
-def inspect(endpoint: str, timeout: float = 5.0) -> Peer:
+def inspect(endpoint: str, timeout: float = PATIENCE) -> Peer:
     """The session that listens on `endpoint`. Raises TimeoutError if there is none."""
     with _looking_at(endpoint, timeout) as (session, zid, kind):
         return _peer(session, zid, kind, timeout)
 
 
-def clients(endpoint: str, timeout: float = 5.0) -> list[Peer]:
+def clients(endpoint: str, timeout: float = PATIENCE) -> list[Peer]:
     """The clients of the router that listens on `endpoint`. Raises TimeoutError if there is none."""
     with _looking_at(endpoint, timeout) as (session, zid, kind):
         root = f"@/{zid}/{kind}"
         linked = _about(session, root, timeout)["sessions"]
-        own = str(session.info.zid())
         return [
             _peer(session, other["peer"], "client", timeout)
             for other in linked
-            if other["peer"] != own and other["whatami"] == "client"
+            if other["whatami"] == "client"  # those that look are peers
         ]
 
 
@@ -72,6 +76,7 @@ def _looking_at(endpoint: str, timeout: float) -> Iterator[tuple[zenoh.Session, 
         config.insert_json5(path, value)
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     with zenoh.open(config) as session:
+        _LOOKING.add(str(session.info.zid()))
         deadline = time.monotonic() + timeout
         while True:
             for kind, zids in (("peer", session.info.peers_zid()), ("router", session.info.routers_zid())):
@@ -84,10 +89,9 @@ def _looking_at(endpoint: str, timeout: float) -> Iterator[tuple[zenoh.Session, 
 
 
 def _peer(session: zenoh.Session, zid: str, kind: str, timeout: float) -> Peer:
-    ours = str(session.info.zid())
     root = f"@/{zid}/{kind}"
     about = _about(session, root, timeout)
-    others = [s for s in about["sessions"] if s["peer"] != ours]
+    others = [s for s in about["sessions"] if s["peer"] not in _LOOKING]
     return Peer(
         zid=zid,
         name=(about["metadata"] or {}).get("name", ""),

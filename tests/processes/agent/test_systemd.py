@@ -72,8 +72,8 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd
 @pytest.mark.parametrize(
     ("module", "flags"),
     [
-        ("formation.agent", ["-l", free_endpoint()]),
-        ("formation.agent", ["-l", free_endpoint(), "--await-monitor", "60"]),
+        ("formation.agent", []),
+        ("formation.agent", ["--await-monitor", "60"]),
         ("formation.agent.watchdog", []),
     ],
     ids=["agent", "agent that waits for a monitor", "watchdog"],
@@ -83,6 +83,8 @@ def test_process_notifies_systemd_of_ready_life_and_stop(
 ) -> None:
     around = Around(tmp_path)
     links = ["--robot", "robot2", "--robot-connect", around.robot_end]
+    if module == "formation.agent":
+        links += ["-l", around.agent_end]
     with started(module, str(around.file), *links, *flags) as child:
         systemd.wait("READY=1")
         assert 0.9 * MIN_REPORT_PERIOD < systemd.beat(10) < 2.0 * MIN_REPORT_PERIOD

@@ -50,10 +50,13 @@ def parked(watchdog: Child, times: int = 1) -> None:
 
 
 def said_for_half_a_second(scene: Scene, zeros: list[float]) -> bool:
-    """Whether zero was said for so long to park a robot, but for times when this machine stood still."""
+    """Whether zero was said for so long to park a robot, but for times when this machine stood still.
+
+    And but for how late it was heard here: this process waits for its turn longer than the watchdog.
+    """
     start, end = zeros[0], zeros[-1]
     stood_still = end + PERIOD - start - scene.ran(start, end + PERIOD)
-    return abs(end + PERIOD - start - PARKING_TIME) <= PERIOD + stood_still
+    return abs(end + PERIOD - start - PARKING_TIME) <= PERIOD + stood_still + scene.late(start, end)
 
 
 @both
@@ -96,9 +99,10 @@ def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     until(slowly)
     sent = scene.command()
     until(lambda: SPEED in {one.speed for one in scene.wheels(sent)})  # it has come
+    drove = next(one.moment for one in scene.wheels(sent) if one.speed == SPEED)
     assert "SIGTERM" in ended(watchdog)
     until(lambda: scene.last_word() == 0.0)
-    stood = scene.stands(sent).moment
+    stood = scene.stands(drove).moment  # it stood after it was told to drive, too, until that had come
     assert scene.newest().speed == 0.0
     assert {one.speed for one in scene.wheels(stood)} == {0.0}
 

@@ -69,6 +69,7 @@ class Scene:
         self.bus.subscribe(ODOM, RECEIVED)
         self.bus.subscribe(ALIVE, LIFE)
         self._wheels: list[Wheel] = []
+        self._heard: list[tuple[float, float]] = []  # odometry: when it came, and how late that was [s]
         self._published: list[tuple[float, float]] = []  # commands, whoever gave them: when [s], speed
         self._signs: list[float] = []
         self._lapsed = float("-inf")  # when the driver spoke again after he had said nothing for too long [s]
@@ -193,12 +194,18 @@ class Scene:
         stamps = [start, *(one.moment for one in self.wheels(start) if one.moment < end), end]
         return sum(min(after - before, LAPSE) for before, after in pairwise(stamps))
 
+    def late(self, start: float, end: float) -> float:
+        """How late, at most, what was said then was heard here: as late as odometry about that time [s]."""
+        until(lambda: self.wheels()[-1].moment > end)
+        return max(late for came, late in self._heard if came > start - LAPSE and came - late < end + LAPSE)
+
     def _look(self) -> None:
         behind = time.time() - time.monotonic()
         for one in self._mailbox.drain():
             if one.key == RECEIVED:
                 odometry = decode(Odometry, one.payload)
                 self._wheels.append(Wheel(odometry.stamp, odometry.speed))
+                self._heard.append((one.arrived + behind, one.arrived + behind - odometry.stamp))
             elif one.key == LIFE:
                 self._signs.append(one.arrived + behind)
             else:

@@ -16,7 +16,7 @@ import pytest
 
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.workers import each
-from tests.support.child import PATIENCE
+from tests.support.child import PATIENCE, free_endpoint
 
 pytestmark = pytest.mark.processes
 pytest.importorskip("distributed", reason="needs distributed (the extra dask)")
@@ -43,12 +43,10 @@ def worker(address: str, folder: Path) -> Any:
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """The scheduler's address, and two workers."""
     folder = tmp_path_factory.mktemp("dask")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_endpoint().rpartition(":")[2]  # that no connection is given before the scheduler listens
     address = f"tcp://127.0.0.1:{port}"
     with ExitStack() as stack:
-        flags = ("--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        flags = ("--host", "127.0.0.1", "--port", port, "--no-dashboard")
         stack.enter_context(process("dask_scheduler", *flags, folder=folder))
         workers = [stack.enter_context(worker(address, folder)) for _ in range(2)]
         _wait_for_workers(address, 2)

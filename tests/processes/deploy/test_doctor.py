@@ -20,7 +20,7 @@ from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.turtlebot3 import TurtleBot3, Wire
 from tests.support.child import PATIENCE, Child, free_endpoint, started
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.processes
 
 NAMES, FOLLOWERS = ("leader", "robot1", "robot2"), ("robot1", "robot2")
 
@@ -81,7 +81,7 @@ class Team:
             *arguments,
         ]
         done = subprocess.run(
-            [sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE, check=False
+            [sys.executable, *words], capture_output=True, text=True, timeout=2.0 * PATIENCE, check=False
         )
         assert done.returncode in {0, 1}, done.stderr
         robots: dict[str, Any] = json.loads(done.stdout)["robots"]

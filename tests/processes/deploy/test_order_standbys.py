@@ -11,7 +11,7 @@ import pytest
 from tests.processes.fleet.twenty import LEADER, Team, twenty
 from tests.support.child import free_endpoint
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.processes
 ROBOTS = {"robot1", "robot2", "robot3"}
 
 

@@ -29,6 +29,7 @@ from formation.topics import (
     Topic,
 )
 from formation.transport.wiring import Endpoints, partners
+from tests.processes.fleet.twenty import STARTING
 from tests.support.child import PATIENCE, Child, started
 from tests.support.zenoh_admin import Peer, clients, inspect
 
@@ -54,14 +55,14 @@ def running(name: str, record: Path) -> Iterator[Team]:
         where = stack.enter_context(Ports(mission)).endpoints
         flags = ("--no-page",)  # a page is no part of the fleet: the test looks at its sockets
         plan = programs(
-            mission, name, where, parent=os.getpid(), record=record, page=flags, patience=PATIENCE
+            mission, name, where, parent=os.getpid(), record=record, page=flags, patience=STARTING
         )
         children = {}
         for program in plan:
             module, *arguments = program.argv[program.argv.index("-m") + 1 :]
             children[program.name] = stack.enter_context(started(module, *arguments))
         for child in children.values():
-            child.event("ready")
+            child.event("ready", STARTING)
         team = Team(mission, where, children)
         wait_until_linked(team)
         yield team

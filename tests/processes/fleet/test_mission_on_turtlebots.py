@@ -193,6 +193,8 @@ def test_odometry_reset_during_mission_causes_no_lurch(tmp_path: Path) -> None:
     with running(tmp_path, "rmw_zenoh", "twist", prefixed=True) as team:
         team.settles()
         robot, received = team.robots["robot2"], Listener(team, "robot2", STATUS)
+        # at a moment at which one command of before may be on its way, but no two
+        until(lambda: robot.taken[-1].mono > robot.path[-1].wall - time.time() + time.monotonic())
         before, reset = len(robot.taken), time.time()
         robot.reset_odometry()
         while team.errors[-1][0] < reset + 2.0:

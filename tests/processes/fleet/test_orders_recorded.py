@@ -16,7 +16,7 @@ from formation.topics import EVENTS, STATUS
 from tests.processes.fleet.twenty import LEADER, twenty
 from tests.support.child import started
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.processes
 SECOND_SHAPE = "[shapes.apart]\nrobot1 = [-1.5, -2.0]\nrobot2 = [-1.0, 0.5]\n"
 ROUTE = "[[route]]\nspeed = 0.05\nheading_deg = 10\n"
 REFUSED = "run "
@@ -27,6 +27,12 @@ WORDS = (
 )  # fmt: skip
 SLACK = 2.0
 """A status that is said at once is recorded so soon, also on a machine with much to do [s]."""
+
+
+def answered(order: dict[str, Any]) -> float:
+    """When the leader's answer to an order came, which may have taken a while to be linked [s]."""
+    (one,) = [one for one in (*order["acknowledged"], *order["refused"]) if one["robot"] == LEADER]
+    return float(order["at"] + 1e-3 * one["ms"])
 
 
 def test_each_of_the_nine_orders_is_in_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,6 +63,6 @@ def test_each_of_the_nine_orders_is_in_the_recording(tmp_path: Path, monkeypatch
         reported = {key: value for key, value in one.items() if key not in {"age", "ok", "reason"}}
         assert order == {**order, **reported}
         assert one["ok"] == (not order["refused"])
-        assert order["at"] <= when <= order["at"] + SLACK
+        assert order["at"] <= when <= answered(order) + SLACK
     requested = [event.text for event in events if event.kind == "requested"]
     assert len(requested) == len(orders)

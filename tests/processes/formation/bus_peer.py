@@ -26,13 +26,18 @@ def burst(endpoint: str) -> None:
             bus.publish(ODOMETRY, number.to_bytes(724, "little"))
 
 
-def listener(endpoint: str) -> None:
+def listener(endpoint: str, *overrides: tuple[str, str]) -> None:
     """Listen, subscribe and never drain."""
-    with Bus(BusConfig(listen=(endpoint,))) as bus:
+    with Bus(BusConfig(listen=(endpoint,), overrides=overrides)) as bus:
         bus.subscribe(ODOMETRY)
         say("ready")
         while True:
             time.sleep(60.0)
+
+
+def patient(endpoint: str) -> None:
+    """The same, but nobody gives it up within a minute of silence."""
+    listener(endpoint, ("transport/link/tx/lease", "60000"))
 
 
 def failing(endpoint: str) -> None:
@@ -61,4 +66,5 @@ def neighbourly(endpoint: str) -> None:
 
 if __name__ == "__main__":
     role, endpoint = sys.argv[1:]
-    {"burst": burst, "listener": listener, "failing": failing, "neighbourly": neighbourly}[role](endpoint)
+    roles = (burst, listener, patient, failing, neighbourly)
+    next(one for one in roles if one.__name__ == role)(endpoint)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import Counter
 from typing import Any, ClassVar
 
@@ -16,6 +15,7 @@ from formation.transport import robot_bus
 from formation.transport.bus_config import BusError
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
+from tests.support.child import PATIENCE, until
 
 PAIR = load("turtlebot3_pair")
 
@@ -29,7 +29,7 @@ class Session:
     zid, linked_routers = "0", 1
 
     def __init__(self, *_: Any) -> None:
-        self.ready.wait(5.0)
+        assert self.ready.wait(PATIENCE)
         self.closed, self.received = False, Counter[str]()
         self.opened.append(self)
 
@@ -54,8 +54,5 @@ def test_session_that_fails_to_declare_is_reopened(
     with RobotBus(("tcp/127.0.0.1:1",), Naming.of(PAIR.robots, ["robot1"]), Mailbox()) as bus:
         bus.advertise(command_topic("twist_stamped"), CMD_VEL.key("robot1"))
         Session.ready.set()
-        end = time.monotonic() + 5.0
-        while not bus.connected and time.monotonic() < end:
-            time.sleep(0.01)
-        assert bus.connected
+        until(lambda: bus.connected)
     assert [session.closed for session in Session.opened] == [True] * 3
