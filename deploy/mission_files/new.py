@@ -61,7 +61,7 @@ class Profile(NamedTuple):
 
 PROFILES = {
     "turtlebot3_burger": Profile(
-        spacing=0.6,
+        spacing=0.9,
         radius=0.105,
         speed=0.05,
         lag=0.1,

@@ -20,6 +20,7 @@ from formation.control.avoidance import (
 from formation.control.plane import unit
 from formation.mission.model import Mission
 from formation.mission.rules import too_close
+from formation.sensing.scan import MIN_RADIUS_LIMIT
 from formation.slots.shape import PlacedShape
 
 BOUND_TOLERANCE = 1e-6
@@ -147,23 +148,31 @@ def rows(mission: Mission) -> Iterator[str]:
 def _narrow(mission: Mission, shape: str) -> Iterator[Gap]:
     """Pairs of slots between which the filter lets no robot pass that avoids both.
 
-    A disc around the front of its body contains the body, and keeps the margin on both sides.
+    Neighbours are avoided at their positions, others as the robot's scanner sees them. A disc around the
+    front of its body contains the body, and keeps the margin on both sides.
     """
-    avoided = {name: set(mission.avoided_by(name)) for name in mission.followers}
     slots = {name: mission.slot(name, shape) for name in mission.followers}
     for first, second in combinations(mission.followers, 2):
-        passing = [
-            front(AvoidanceParameters(me.radius, 0.0, 0.0), me.limits) + me.radius
-            for name, me in mission.robots.items()
-            if name in avoided and {first, second} <= avoided[name]
-        ]
-        if not passing:
-            continue
-        bodies = mission.robots[first].radius + mission.robots[second].radius
-        needed = bodies + 2.0 * (max(passing) + mission.collisions.room)
+        between = [_width(mission, name, {first, second}) for name in mission.followers]
+        widest = max(between, default=0.0)
+        needed = mission.robots[first].radius + mission.robots[second].radius + widest
         distance = abs(slots[first] - slots[second])
-        if distance < needed - BOUND_TOLERANCE:
+        if widest > 0.0 and distance < needed - BOUND_TOLERANCE:
             yield Gap(needed, distance, shape, first, second)
+
+
+def _width(mission: Mission, name: str, pair: set[str]) -> float:
+    """Free way that a robot needs between a pair of bodies [m]; 0 if it does not avoid both."""
+    me = mission.robots[name]
+    margin = mission.collisions.room
+    if name in pair:
+        return 0.0
+    if not pair <= set(mission.avoided_by(name)):
+        if me.scanner == "none":
+            return 0.0
+        overhang = max(mission.robots[one].overhang for one in pair)
+        margin = max(margin, me.margin + overhang) + MIN_RADIUS_LIMIT  # circles around hits bulge
+    return 2.0 * (front(AvoidanceParameters(me.radius, 0.0, 0.0), me.limits) + me.radius + margin)
 
 
 def _tight(mission: Mission, shape: str) -> Iterator[Room]:

@@ -13,10 +13,13 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.mission_files.assign import Change, edited
+from formation.deploy.mission_files.new import PROFILES
 from formation.mission.file import load, read, shipped
 from formation.mission.model import Mission
 from formation.slots.shapes import SHAPES
 from tests.unit.deploy.commands import Capsys, assigned, output_of, refused, shuffled
+
+SPACING = PROFILES["turtlebot3_burger"].spacing
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +44,7 @@ def test_robot_takes_the_slot_near_its_start(shape: str, least: str, capsys: Cap
     after = load(mission)
     assert sum(distances(after)) == pytest.approx(found["distance"]["now"]["total"])
     assert before == pytest.approx(found["distance"]["before"]["total"])
-    assert max(distances(after)) < 0.2 < 0.2 * before
+    assert max(distances(after)) < SPACING / 3.0 < 0.2 * before
     assert main(["check", mission]) == 0
 
 
@@ -85,7 +88,7 @@ def test_slot_is_assigned_in_every_shape(capsys: Capsys) -> None:
 
 def test_with_keep_slots_measure_each_other_as_they_did(capsys: Capsys) -> None:
     text = read("two_chains")[0]
-    text = text.replace("left1 = [-0.7, 0.4]", "x = [-0.7, 0.4]").replace("left6 = [-4.2,", "left1 = [-4.2,")
+    text = text.replace("left1 = [-0.7, 0.4]", "x = [-0.7, 0.4]").replace("left6 = [-4.7,", "left1 = [-4.7,")
     Path("mine.toml").write_text(text.replace("x = [", "left6 = ["), encoding="utf-8")
     assigned(capsys, "mine.toml", "--graph", "keep")
     after = load("mine.toml")

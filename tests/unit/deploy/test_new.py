@@ -136,7 +136,7 @@ def test_a_machine_reads_what_was_written(capsys: Capsys) -> None:
         "mission": "grid-12",
         "shape": "grid",
         "robots": 12,
-        "spacing": 0.6,
+        "spacing": 0.9,
         "profile": "turtlebot3_burger",
         "edges": sum(map(len, load("grid_12.toml").graph.neighbours)),
         "depth": 4,

@@ -198,6 +198,17 @@ def test_rows_too_narrow_to_pass_are_warned_of(spacing: float, warned: bool) -> 
     assert set(found) <= set(analyse(scenarios.clearing(row)).warnings)
 
 
+@pytest.mark.parametrize(("spacing", "warned"), [(0.759, True), (0.761, False)])
+def test_robots_seen_by_scanners_need_wider_rows(spacing: float, warned: bool) -> None:
+    """Scanners keep 5 cm, and their circles around hits reach up to 3 cm too far."""
+    slots = np.array([0, *(-1 + spacing * k * 1j for k in range(4))])
+    scanning = {"control_point_offset": 0.1, "scanner": "required", "scan": {"margin": 0.05}}
+    row = scenarios.clearing(scenarios.build(slots, ((), *[(0,)] * 4), robot=scanning), avoid=())
+    found = list(rows(row))
+    assert bool(found) is warned
+    assert all("at least 0.76 m apart" in one for one in found)
+
+
 def test_two_slots_without_a_third_robot_are_no_row() -> None:
     pair = scenarios.build(np.array([0, -1, -1 + 0.5j]), ((), (0,), (0,)))
     assert list(rows(scenarios.clearing(pair))) == []
