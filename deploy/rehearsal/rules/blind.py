@@ -1,4 +1,4 @@
-"""Rule of blind robots: one whose position is frozen or late drives less than `MAX_BLIND_PATH`."""
+"""Rule of blind robots: with a frozen or late position they drive less than `MAX_BLIND_PATH`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of leaders: whose votes count, what a leader orders, and how long it waits for robots."""
+"""Rules of leaders: which votes count, what a leader orders, and how long it waits for robots."""
 
 from __future__ import annotations
 

@@ -156,11 +156,11 @@ def test_standby_takes_over_standing() -> None:
 def test_leader_stops_at_the_bounds() -> None:
     leader = leading(load("convoy").changed(bounds=None))
     driver = Driver(leader)
-    driver.hold_stick(0.1, 140.0, 0.2)
+    driver.hold_stick(0.1, 200.0, 0.2)
     assert leader.plan.fenced is not None
     place = leader.plan.where()
-    assert place.real < 20.0
-    driver.hold_stick(140.2, 5.0, -0.2)
+    assert place.real < 29.7
+    driver.hold_stick(200.2, 5.0, -0.2)
     assert leader.plan.where().real < place.real
 
 
@@ -187,7 +187,7 @@ def test_token_is_the_leaders_own_clock() -> None:
 
 
 def test_leader_that_turns_keeps_slots_within_the_bounds() -> None:
-    mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.0, 6.0]\ny = [-0.9, 0.9]\n")
+    mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.6, 6.0]\ny = [-1.2, 1.2]\n")
     leader = leading(mission)
     leader.plan.cohesion._bound = None
     driver, fence = Driver(leader), Geofence(mission)
