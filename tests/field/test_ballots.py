@@ -78,6 +78,6 @@ def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> 
         replies = operator.get(ORDER.key("deputy"), payload=b"hold", timeout=PATIENCE)
         return [reply.ok is not None for reply in replies]
 
-    until(lambda: obeyed() == [True], what="the operator knows whom to ask, and is answered")
+    until(lambda: obeyed() == [True], what="the operator has found the robots and is answered")
     with sessions.attacking("robot1", "deputy") as session:
         assert list(session.get(ORDER.key("deputy"), payload=b"hold", timeout=0.5)) == []

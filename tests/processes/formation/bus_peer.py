@@ -36,7 +36,7 @@ def listener(endpoint: str, *overrides: tuple[str, str]) -> None:
 
 
 def patient(endpoint: str) -> None:
-    """The same, but nobody gives it up within a minute of silence."""
+    """The same, with a lease of a minute: its links survive that much silence."""
     listener(endpoint, ("transport/link/tx/lease", "60000"))
 
 

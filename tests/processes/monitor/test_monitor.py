@@ -90,7 +90,7 @@ def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
     reported = [decode(Diagnostics, one).statuses for one in run.in_file[DIAGNOSTICS.key()]]
     names = ["", *run.actor.fleet.mission.names]
     assert [[one.hardware_id for one in statuses] for statuses in reported] == len(reported) * [names]
-    # before the fleet plays, and where somebody is late, they are unknown
+    # unknown before the fleet plays, and while a position is late
     robot2 = [statuses[2].values for statuses in reported if statuses[0].message == "error 0.0000 m"]
     assert {values["error.robot1"] for values in robot2} == {"0.0000"}
     rates = [float(values["rate.odom"]) for values in robot2]

@@ -15,7 +15,7 @@ PIXELS = """((places) => {
   const pixel = ([x, y]) => [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
   return camera.placed && !requested && places.map(pixel);
 })"""
-"""What is seen at some places, once all is drawn: a canvas whose size is set is empty until then."""
+"""Return the pixels at some places once all is drawn: setting the size of a canvas empties it."""
 
 
 def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
