@@ -111,10 +111,9 @@ class AgentFiles:
         if data is not None:
             half = len(data) // 2
             self._disk.torn = self._disk.files[self._state] = data[:half] + b"0" * (len(data) - half)
-        stops = self._disk.files.pop(self.stops.name, None)
+        stops = self.read_stops()
         if stops is not None:
-            left = cut_stops(self._robot, stops)
-            self._disk.files.update({} if left is None else {self.stops.name: left})
+            self._disk.files[self.stops.name] = cut_stops(self._robot, stops)
 
     def _write(self, name: str, data: bytes) -> None:
         if not self.is_open:

@@ -21,14 +21,14 @@ class FailingPath(PosixPath):
         raise OSError("the power was cut")
 
 
-def cut_stops(robot: str, before: bytes) -> bytes | None:
-    """Return what remains of an agent's file of stops if a write of the same is cut off, if any."""
+def cut_stops(robot: str, before: bytes) -> bytes:
+    """Return what remains of an agent's file of stops if a write of the same stops is cut off."""
     with tempfile.TemporaryDirectory(prefix="power-cut-") as folder:
         store = Store(FailingPath(folder), robot)
         try:
             Path(store.stops).write_bytes(before)
             store.write_stops(json.loads(before))
             store.written(PATIENCE_SECONDS)
-            return store.read_stops()
+            return store.read_stops() or b""
         finally:
             store.close()

@@ -64,7 +64,7 @@ class Restarts:
     def _check_stops(self, name: str, files: object) -> None:
         stops = files.read_stops() if isinstance(files, AgentFiles) else None
         try:
-            json.loads(stops or b"{}")
+            json.loads(b"{}" if stops is None else stops)
         except ValueError:
             self._tell("restored", name, "has half a file of stops on its disk")
 
