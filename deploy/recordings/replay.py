@@ -23,7 +23,7 @@ from formation.monitor.replay.echo import DEFAULT, Echo, checked
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Film, Player
 from formation.monitor.replay.process import Replay
 from formation.monitor.web import frames
-from formation.monitor.web.address import PORT, add_page_flags
+from formation.monitor.web.address import PORT, Bind, add_page_flags
 from formation.monitor.web.server import PageServer, opened
 from formation.monitor.web.source import Source
 from formation.transport.bus import Bus
@@ -150,7 +150,8 @@ def _source(one: Opened, player: Player) -> Source:
 
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
-    with refused(f"--page {options.page.host}:{options.page.port}"):
+    at = options.page or Bind()
+    with refused(f"--page {at.host}:{at.port}"):
         page = opened(options.page, source, steer=replay.steer)
     if options.page is None and f":{PORT}/" not in page.address:
         _say(options, f"port {PORT} is taken, so the page is at another")

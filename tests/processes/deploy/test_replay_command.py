@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -71,3 +72,15 @@ def test_a_file_that_is_no_recording_is_refused(
 def test_a_stretch_is_played_to_its_end(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(path), *QUIET, "--start", "0.5", "--until", "1.5", "--speed", "20"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("0:01.5 of 0:01.5  20x")
+
+
+def test_page_is_served_without_a_flag(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(path), "--no-zenoh", "--speed", "20"]) == 0
+    assert "page: http://127.0.0.1:" in capsys.readouterr().out
+
+
+def test_page_at_an_address_that_is_taken_is_refused(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        where = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["replay", str(path), "--no-zenoh", "--page", where]) == 2
+    assert f"formation: --page {where}: Address already in use" in capsys.readouterr().err
