@@ -1,20 +1,26 @@
-"""The leader's order as neighbours relay it: what proves a leader alive, and what proves nothing."""
+"""The leader's order as neighbours relay it: what proves a leader alive, and what robots use of it."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
 from formation.agent.following.orders import Orders
 from formation.agent.pose.stream import MAX_STAMP_OFFSET
 from formation.mission.file import load
-from formation.protocol.order import Mode, Order
-from formation.wire import BadMessage, Now
+from formation.mission.model import Mission
+from formation.protocol.order import Mode, Motion, Order, PositionAttachment
+from formation.wire import BadMessage
+from tests.support.examples import slow
+from tests.support.fleet import EPOCH, Fleet, at
+from tests.support.missions import team
+from tests.support.signed import SignedFleet
 
-EPOCH = 1.7e9
 TERM = int(EPOCH * 1e9)
+SIX = load("six_robots")
 HIGHEST = 2**63 - 1
 PERIOD = 0.05
 
@@ -23,7 +29,7 @@ PERIOD = 0.05
 class Receiver:
     """An agent's ear for orders, and the time."""
 
-    orders: Orders = field(default_factory=lambda: Orders(load("six_robots")))
+    orders: Orders = field(default_factory=lambda: Orders(SIX))
     mono: float = 0.0
 
     def receive(
@@ -31,7 +37,7 @@ class Receiver:
     ) -> None:
         self.mono += after
         received = Order(term=term, beat=beat, mode=mode, shape="hexagon")
-        self.orders.receive(received, of, self.mono, Now(self.mono, EPOCH + self.mono))
+        self.orders.receive(received, of, self.mono, at(self.mono))
 
     @property
     def newest(self) -> tuple[int, int]:
@@ -58,18 +64,11 @@ def test_an_order_counts_once_its_beat_has_risen() -> None:
     assert receiver.orders.state.rose == receiver.mono
 
 
-def test_relayed_last_order_of_dead_leader_never_counts() -> None:
-    receiver = Receiver()
-    for _ in range(100):
-        receiver.receive(7, of="robot3")
-        receiver.receive(9, of="robot2")
-    assert receiver.orders.newest is None
-
-
 def test_beat_must_rise_at_the_same_neighbour(alive: Receiver) -> None:
     receiver = Receiver()
-    receiver.receive(7, of="robot3")
-    receiver.receive(8, of="robot2")
+    for _ in range(100):  # relays of the last order of a dead leader
+        receiver.receive(7, of="robot3")
+        receiver.receive(8, of="robot2")
     assert receiver.orders.newest is None
     rose = alive.orders.state.rose
     alive.receive(3, of="robot2")
@@ -90,12 +89,6 @@ def test_relays_ahead_of_a_leader_that_is_heard_are_refused(alive: Receiver) -> 
     assert alive.newest == (TERM, 8)
 
 
-def test_mode_is_obeyed_with_live_leaders_first_beat(alive: Receiver) -> None:
-    alive.receive(4, mode="stop")
-    assert alive.orders.newest is not None
-    assert alive.orders.newest.mode == "stop"
-
-
 def test_a_new_leader_is_followed_from_its_second_beat_on(alive: Receiver) -> None:
     alive.receive(1, term=TERM + 5)
     assert alive.newest == (TERM, 3)
@@ -114,21 +107,105 @@ def test_a_single_forged_order_changes_nothing_and_costs_two_beats(
     assert alive.newest == (TERM, 6)
 
 
-def test_leader_is_followed_immediately_after_long_outage(alive: Receiver) -> None:
-    alive.receive(3 + 20 * 600, after=600.0)
+def test_leader_is_obeyed_immediately_after_long_outage(alive: Receiver) -> None:
+    alive.receive(3 + 20 * 600, after=600.0, mode="stop")
     assert alive.newest == (TERM, 3 + 20 * 600)
+    assert alive.orders.newest is not None
+    assert alive.orders.newest.mode == "stop"
 
 
-def test_a_term_that_begins_days_from_now_is_dropped(alive: Receiver) -> None:
-    absurd = TERM + int((MAX_STAMP_OFFSET + 60.0) * 1e9)
-    for beat in (1, 2, 3):
-        with pytest.raises(BadMessage, match="absurd term"):
-            alive.receive(beat, term=absurd)
+@pytest.mark.parametrize(
+    ("term", "why"),
+    [(TERM + int((MAX_STAMP_OFFSET + 60.0) * 1e9), "absurd term"), (TERM - 1, "earlier term")],
+    ids=["days ahead", "earlier"],
+)
+def test_order_of_impossible_or_earlier_term_is_dropped(alive: Receiver, term: int, why: str) -> None:
+    for beat in (1, 2, 1000, 1001):
+        with pytest.raises(BadMessage, match=why):
+            alive.receive(beat, term=term)
     assert alive.newest == (TERM, 3)
 
 
-def test_a_leader_that_started_earlier_is_dropped_and_the_reason_named(alive: Receiver) -> None:
-    for beat in (1000, 1001):
-        with pytest.raises(BadMessage, match="earlier term"):
-            alive.receive(beat, term=TERM - 1)
-    assert alive.newest == (TERM, 3)
+CORNER = ({"speed": 0.2, "heading_deg": 30.0, "duration": 8.0}, {"speed": 0.2, "heading_deg": 120.0})
+TURNING = ({"radius": 1.0, "speed": 0.2, "heading_deg": 0.0},)
+
+
+def mission(leader_orders: str, route: Any = CORNER, of: Mission = SIX) -> Mission:
+    law = {**of.law.model_dump(), "leader_orders": leader_orders}
+    return Mission.model_validate({**of.model_dump(), "law": law, "route": route})
+
+
+def greatest_error(fleet: Fleet, begin: float, seconds: float) -> float:
+    """The greatest formation error in a time that begins at `begin` [s]."""
+    fleet.run(begin)
+    return max(one.error() for one in fleet.every(0.05, seconds))
+
+
+def ages(fleet: Fleet) -> dict[str, float]:
+    """How old each robot takes the newest order to be now [s]."""
+    return {name: agent.orders.age(fleet.now) for name, agent in fleet.agents.items()}
+
+
+def test_ordered_velocity_more_than_halves_the_error_at_a_corner() -> None:
+    before = greatest_error(Fleet(mission("none")), 7.9, 1.0)
+    assert greatest_error(Fleet(mission("velocity")), 7.9, 1.0) < 0.45 * before
+
+
+@pytest.mark.parametrize("use", [*slow("velocity"), "place"])
+def test_robots_form_with_ordered_velocity_and_place(use: str) -> None:
+    fleet = Fleet(mission(use, TURNING)).after(10.0)
+    assert fleet.error() < 0.005
+
+
+def test_velocity_is_used_by_default_only_where_orders_are_signed() -> None:
+    unsigned, signed = Fleet(mission("signed", of=TEAM)), SignedFleet(mission("signed", of=TEAM))
+    for fleet in (unsigned.after(3.0), signed.after(3.0)):
+        orders = {name: agent.orders.leader(fleet.now) for name, agent in fleet.agents.items()}
+        assert all((one is not None) is isinstance(fleet, SignedFleet) for one in orders.values())
+        assert {one.place for one in orders.values() if one is not None} <= {None}
+
+
+TEAM = team({"r0": ["leader"], "r1": ["r0"], "r2": ["r1"], "r3": ["r2"]})
+
+
+def test_relays_add_the_time_for_which_they_kept_an_order() -> None:
+    fleet = Fleet(mission("velocity", of=TEAM), delay=(0.01, 0.01)).after(3.0)
+    leader = fleet.candidates["leader"]
+    for name in ("r0", "r3"):
+        order = fleet.agents[name].orders.state.newest
+        assert order is not None
+        true = fleet.now - leader._began - (order.beat - 1) * leader.rate.period
+        assert ages(fleet)[name] == pytest.approx(true, abs=0.015)
+
+
+def test_relay_that_lies_about_the_age_moves_no_robot_far() -> None:
+    fleet = SignedFleet(mission("velocity", TURNING, TEAM))
+
+    def older(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        return attachment.model_copy(update={"order_age": 1.0}) if sender == "r0" else attachment
+
+    fleet.tamper = older
+    fleet.run(10.0)
+    assert fleet.within_limits
+    assert max(ages(fleet).values()) > 0.9
+    assert 0.005 < fleet.error() < 0.1  # three edges of v/k, 0.2 rad aside
+
+
+def test_leader_that_gives_a_wrong_velocity_misleads_by_little() -> None:
+    fleet = Fleet(mission("velocity", of=TEAM))
+    plan = fleet.candidates["leader"].plan
+    true = plan.route.motion
+
+    def wrong(time: float, pace: float) -> Motion | None:
+        motion = true(time, pace)
+        return None if motion is None else motion.model_copy(update={"x": 900.0, "y": 0.0})
+
+    plan.route.motion = wrong  # type: ignore[method-assign]
+    fleet.run(8.0)
+    assert fleet.within_limits
+    assert fleet.error() < 4 * 0.15  # cut to the leader's top speed, which leaves 2 v/k on each edge
+
+
+def test_other_laws_do_not_use_the_orders() -> None:
+    fleets = [Fleet(mission(use, of=TEAM), law="paper").after(4.0) for use in ("none", "velocity")]
+    assert fleets[0].commands == fleets[1].commands
