@@ -26,7 +26,6 @@ from formation.agent.pose.map_frame import (
     MapFrameState,
     Placement,
 )
-from formation.agent.simulated.plant import Plant
 from formation.control.plane import unit
 from formation.control.unicycle import AT_REST
 from formation.protocol.reasons import Code, Reason
@@ -34,7 +33,7 @@ from formation.ros2.messages import MapPose, Odometry, Pose, Transform, Transfor
 from formation.topics import AMCL_POSE, ODOM, POSITION, TF
 from formation.wire import BadMessage, Sample
 from tests.support.fleet import EPOCH, Fleet, at
-from tests.support.meddling import lost
+from tests.support.meddling import lost, on
 from tests.support.missions import with_robots
 
 PERIOD = 0.05
@@ -60,18 +59,11 @@ class Drive:
             self.step(speed)
 
     def pose(
-        self,
-        true: Placement = TRUE,
-        late: float = 0.0,
-        off: complex = 0j,
-        deviation: float = 0.0,
-        heading_deviation: float = 0.0,
+        self, true: Placement = TRUE, late: float = 0.0, off: complex = 0j, **deviations: float
     ) -> MapPose:
         """A pose of `late` [s] ago, while the robot drove at 0.2 m/s."""
         at = self.at - 0.2 * late * self.heading
-        return MapPose(
-            self.time - late, true.of(at) + off, true.rotation * self.heading, deviation, heading_deviation
-        )
+        return MapPose(self.time - late, true.of(at) + off, true.rotation * self.heading, **deviations)
 
     def receive(self, placement: Placement, ahead: float = 1.0) -> Reason | None:
         """Receive a transform, stamped `ahead` [s] as by AMCL."""
@@ -92,36 +84,55 @@ def off(one: Placement, other: Placement, at: complex) -> float:
     return abs(one.of(at) - other.of(at))
 
 
-def test_robot_is_unplaced_until_the_first_pose() -> None:
+@pytest.fixture
+def drive() -> Drive:
+    """A robot that its localiser has placed by a pose."""
     drive = Drive()
-    assert drive.doubted() is Code.NOT_LOCALISED
     drive.frame.take_pose(drive.pose())
-    assert drive.doubted() is None
-    assert off(drive.placed, TRUE, drive.at) < 1e-12
+    return drive
 
 
 @given(late=st.floats(0.0, 0.9 * HISTORY_TIME), heading=st.floats(-3.0, 3.0), distance=st.floats(0.5, 3.0))
 def test_late_pose_is_compared_with_odometry_of_then(late: float, heading: float, distance: float) -> None:
     drive = Drive()
     drive.heading = cmath.rect(1.0, heading)
-    drive.go(distance)
-    drive.go(1.0)
+    drive.go(distance + 1.0)
     drive.frame.take_pose(drive.pose(late=late))
     assert off(drive.placed, TRUE, drive.at) < 1e-9
 
 
-def test_pose_older_than_the_history_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("pose", "why"),
+    [
+        ({"late": 2.5}, r"2\.50 s before the newest odometry; limit 1 s"),
+        ({"deviation": 0.5}, "pose uncertain by"),
+        ({"heading_deviation": 0.5}, "pose uncertain by"),
+    ],
+    ids=["late", "position", "heading"],
+)
+def test_late_or_uncertain_pose_is_refused(pose: dict[str, float], why: str) -> None:
     drive = Drive()
     drive.go(1.0)
-    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 1 s"):
-        drive.frame.take_pose(drive.pose(late=2.5))
+    with pytest.raises(BadMessage, match=why):
+        drive.frame.take_pose(drive.pose(**pose))
+
+
+def test_pose_from_before_a_turn_and_repeated_pose_are_refused() -> None:
+    drive = Drive()
+    before = drive.pose()
+    drive.heading *= cmath.rect(1.0, 0.4)
+    drive.step()
+    with pytest.raises(BadMessage, match=r"moved 0\.00 m, 0\.40 rad since; limits 0\.3 m, 0\.3 rad"):
+        drive.frame.take_pose(before)
+    pose = drive.pose()
+    drive.frame.take_pose(pose)
+    with pytest.raises(BadMessage, match="before the newest"):
+        drive.frame.take_pose(pose)
 
 
 @pytest.mark.parametrize("lag", [0.5, 0.9, 1.9])
 @pytest.mark.parametrize("speed", [0.2, 0.8])
-def test_wrong_clock_shifts_placement_by_bounded_distance(lag: float, speed: float) -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_wrong_clock_shifts_placement_by_bounded_distance(drive: Drive, lag: float, speed: float) -> None:
     for _ in range(100):
         drive.go(0.2, speed)
         with suppress(BadMessage):
@@ -131,33 +142,8 @@ def test_wrong_clock_shifts_placement_by_bounded_distance(lag: float, speed: flo
     assert (drive.doubted() is Code.LOCALISER_SILENT) == refused
 
 
-def test_pose_from_before_a_turn_is_refused() -> None:
-    drive = Drive()
-    before = drive.pose()
-    drive.heading *= cmath.rect(1.0, 0.4)
-    drive.step()
-    with pytest.raises(BadMessage, match=r"moved 0\.00 m, 0\.40 rad since; limits 0\.3 m, 0\.3 rad"):
-        drive.frame.take_pose(before)
-
-
-@pytest.mark.parametrize(("deviation", "heading_deviation"), [(0.5, 0.0), (0.0, 0.5)])
-def test_uncertain_pose_is_refused(deviation: float, heading_deviation: float) -> None:
-    drive = Drive()
-    with pytest.raises(BadMessage, match="pose uncertain by"):
-        drive.frame.take_pose(drive.pose(deviation=deviation, heading_deviation=heading_deviation))
-
-
-def test_repeated_pose_is_refused() -> None:
-    drive = Drive()
-    pose = drive.pose()
-    drive.frame.take_pose(pose)
-    with pytest.raises(BadMessage, match="before the newest"):
-        drive.frame.take_pose(pose)
-
-
-def test_noisy_bursts_keep_the_placement_near() -> None:
-    drive, draw = Drive(), np.random.default_rng(1)
-    drive.frame.take_pose(drive.pose())
+def test_noisy_bursts_keep_the_placement_near(drive: Drive) -> None:
+    draw = np.random.default_rng(1)
     for _ in range(40):
         drive.go(0.25)
         for _ in range(int(draw.integers(1, 4))):  # AMCL's bursts
@@ -170,9 +156,7 @@ def test_noisy_bursts_keep_the_placement_near() -> None:
     assert drive.doubted() is None
 
 
-def test_relocalisation_is_taken_once_later_poses_agree() -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_relocalisation_is_taken_once_later_poses_agree(drive: Drive) -> None:
     moved = TRUE._replace(origin=TRUE.origin + 1.0)
     taken = []
     for _ in range(JUMP_AGREEMENTS + 1):
@@ -184,22 +168,19 @@ def test_relocalisation_is_taken_once_later_poses_agree() -> None:
     assert taken[-1].values["distance"] == pytest.approx(1.0)
 
 
-def test_single_outlier_changes_nothing() -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
-    before = drive.placed
-    drive.go(0.25)
-    assert drive.frame.take_pose(drive.pose(off=1.0)) is None
-    assert drive.placed == before
-
-
-@pytest.mark.parametrize("tremble", [0.0, 1e-6, 0.01])
-def test_frozen_localiser_does_not_move_the_robot(tremble: float) -> None:
+@pytest.mark.parametrize(
+    ("tremble", "distance", "speed", "count"),
+    [(0.0, 0.25, 0.2, 19), (1e-6, 0.25, 0.2, 19), (0.01, 0.25, 0.2, 19), (1e-3, 0.005, 0.1, 900)],
+    ids=["exact", "tremble 1e-6", "tremble 0.01", "high rate"],
+)
+def test_frozen_localiser_does_not_move_the_robot(
+    tremble: float, distance: float, speed: float, count: int
+) -> None:
     drive, draw = Drive(), np.random.default_rng(2)
     first = drive.pose()
     drive.frame.take_pose(first)
-    for _ in range(19):
-        drive.go(0.25)
+    for _ in range(count):
+        drive.go(distance, speed)
         wobble = tremble * complex(*draw.normal(size=2))
         try:
             assert drive.frame.take_pose(MapPose(drive.time, first.position + wobble, first.heading)) is None
@@ -210,9 +191,7 @@ def test_frozen_localiser_does_not_move_the_robot(tremble: float) -> None:
     assert drive.doubted() is Code.LOCALISER_SILENT
 
 
-def test_silent_localiser_holds_after_a_distance() -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_silent_localiser_holds_after_a_distance(drive: Drive) -> None:
     drive.go(MAX_UNCORRECTED_DISTANCE - 0.1)
     assert drive.doubted() is None
     drive.go(0.2)
@@ -221,9 +200,7 @@ def test_silent_localiser_holds_after_a_distance() -> None:
     assert drive.doubted() is None
 
 
-def test_localiser_that_jumps_often_is_believed_only_after_an_operator_looked() -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_localiser_that_jumps_often_is_believed_only_after_an_operator_looked(drive: Drive) -> None:
     for number in range(MAX_JUMPS):
         moved = TRUE._replace(origin=TRUE.origin + number + 1.0)
         for _ in range(JUMP_AGREEMENTS + 1):
@@ -300,9 +277,7 @@ def test_localiser_with_clock_set_back_is_heard_again() -> None:
     assert heard == 2
 
 
-def test_robot_with_clock_set_back_hears_its_localiser() -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_robot_with_clock_set_back_hears_its_localiser(drive: Drive) -> None:
     drive.receive(TRUE)
     drive.time = 50.0
     drive.step()
@@ -312,25 +287,12 @@ def test_robot_with_clock_set_back_hears_its_localiser() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
-def test_short_mistake_at_high_rate_is_no_jump(speed: float) -> None:
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
+def test_short_mistake_at_high_rate_is_no_jump(drive: Drive, speed: float) -> None:
     for _ in range(round(2 * AGREEMENT_TIME / PERIOD)):
         drive.step(speed)
         assert drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6)) is None
         assert drive.receive(MOVED._replace(origin=MOVED.origin + drive.time * 1e-6)) is None
     assert off(drive.placed, TRUE, drive.at) < 0.01
-
-
-def test_trembling_frozen_pose_at_high_rate_is_no_jump() -> None:
-    drive, draw = Drive(), np.random.default_rng(3)
-    first = drive.pose()
-    drive.frame.take_pose(first)
-    for _ in range(400):
-        drive.step(0.1)
-        wobble = 1e-3 * complex(*draw.normal(size=2))
-        assert drive.frame.take_pose(MapPose(drive.time, first.position + wobble, first.heading)) is None
-    assert off(drive.placed, TRUE, drive.at) < 0.5
 
 
 def test_standing_robot_is_relocalised_by_new_poses() -> None:
@@ -354,10 +316,8 @@ def test_suspicion_is_saved_to_the_last_bit() -> None:
     assert codec.read(json.dumps(codec.write(drive.frame.state)).encode()) == drive.frame.state
 
 
-def test_pose_given_by_hand_is_taken_on_hold() -> None:
+def test_pose_given_by_hand_is_taken_on_hold(drive: Drive) -> None:
     """AMCL publishes it once, and repeats its transform."""
-    drive = Drive()
-    drive.frame.take_pose(drive.pose())
     drive.step()
     drive.frame.take_pose(drive.pose(MOVED))
     jumps = []
@@ -395,21 +355,13 @@ def test_team_without_start_marks_forms_behind_a_localiser() -> None:
 def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
     """What the localiser told of the count before says nothing of the new one."""
     fleet = Fleet.under_way(PAIR, 12.0)
-    agent, plant = fleet.agents["robot1"], fleet.world.plant("robot1")
-    assert isinstance(plant, Plant)
+    agent, plant = fleet.agents["robot1"], fleet.plant("robot1")
     before = abs(agent.here.state.position - plant.position)
     plant._counts_from = plant.position, plant.heading  # its bring-up is started again
     fleet.meddle = lost(AMCL_POSE.key("robot1"))
     fleet.run(4.0)
     assert agent.here.state.source.realigned == 1
     assert abs(agent.here.state.position - plant.position) < before + 0.03
-
-
-def true_transform(fleet: Fleet, odometry: Odometry) -> Transform:
-    """The true transform from the map to robot1's odometry."""
-    plant = fleet.plant("robot1")
-    turn = unit(plant.heading / odometry.heading)
-    return Transform(odometry.stamp, "map", "odom", plant.position - turn * odometry.position, turn)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
@@ -423,7 +375,9 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
             return () if sample.key == AMCL_POSE.key("robot1") else (sample,)
         odometry = decode(Odometry, sample.payload)
         if not restarted:
-            newest[0] = true_transform(fleet, odometry)
+            plant = fleet.plant("robot1")
+            turn = unit(plant.heading / odometry.heading)
+            newest[0] = Transform(0.0, "map", "odom", plant.position - turn * odometry.position, turn)
         off = error * complex(*draw.normal(size=2)) if restarted else 0j
         one = newest[0]._replace(stamp=odometry.stamp, position=newest[0].position + off)
         return sample, sample._replace(key=TF.key("robot1"), payload=encode(Transforms((one,))))
@@ -431,7 +385,6 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
     fleet.meddle = meddle
     fleet.run(12.0)
     agent, plant, restarted = fleet.agents["robot1"], fleet.plant("robot1"), True
-    assert isinstance(plant, Plant)
     plant._counts_from = plant.position, plant.heading
     fleet.run(4.0)
     assert agent.here.state.source.realigned == 1
@@ -444,7 +397,6 @@ def test_robot_holds_after_odometry_restarted_across_gap() -> None:
     fleet.meddle = lambda sample: () if sample.key in {odom, amcl} else (sample,)
     fleet.run(2.0)
     agent, plant = fleet.agents["robot1"], fleet.plant("robot1")
-    assert isinstance(plant, Plant)
     plant.position += 1j
     plant._counts_from = plant.position, plant.heading
     fleet.meddle = lost(amcl)
@@ -452,9 +404,7 @@ def test_robot_holds_after_odometry_restarted_across_gap() -> None:
     assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
     assert agent.command == AT_REST
     pose = encode(MapPose(agent.here.stream.state.stamp, plant.position, plant.heading))
-    fleet.meddle = lambda sample: (sample, sample._replace(key=amcl, payload=pose))[
-        : 1 + (sample.key == odom)
-    ]
+    fleet.meddle = on(odom, lambda sample: (sample, sample._replace(key=amcl, payload=pose)))
     fleet.run(0.5)
     assert agent.here.doubt is None
     assert agent.command != AT_REST
@@ -495,14 +445,7 @@ def test_first_pose_in_one_step_with_odometry(odometry_first: bool) -> None:
         published += [decode(Pose, one.payload) for one in out if one.key == POSITION.key("robot1")]
         if number >= 5:
             assert abs(agent.here.heading - -1.0) < 1e-9
+        else:
+            assert (agent.decision.reason, agent.command) == (Reason(Code.NOT_LOCALISED), AT_REST)
     assert len(published) == 5
     assert max(abs(one.position - (3.0 - 2.0j)) for one in published) < 1e-9
-
-
-def test_robot_without_a_pose_holds() -> None:
-    fleet = Fleet(PAIR)
-    fleet.meddle = lost(AMCL_POSE.key("robot1"))
-    fleet.run(3.0)
-    agent = fleet.agents["robot1"]
-    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
-    assert agent.command == AT_REST
