@@ -1,4 +1,4 @@
-"""Odometry that counts from where the robot was switched on, and what becomes of a robot that counts anew."""
+"""What an agent makes of its odometry, in the world frame or from its start, and after a jump."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ import pytest
 
 from formation.agent.pose.estimator import Localisation
 from formation.control.laws import LAWS
+from formation.control.unicycle import AT_REST, Command
+from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code
 from formation.protocol.status import Localised
-from formation.ros2.messages import Odometry
+from formation.ros2.messages import Odometry, Pose
 from formation.topics import ODOM, POSITION
-from formation.wire import Now, Sample
+from formation.wire import Sample
 from tests.support.examples import slow
-from tests.support.fleet import EPOCH, Fleet
-from tests.support.meddling import altered
-from tests.support.missions import with_robots
+from tests.support.fleet import EPOCH, Fleet, at
+from tests.support.meddling import altered, on
+from tests.support.missions import team, with_robots
 from tests.support.sensing import reset_odometry
 
 PAIR = with_robots("turtlebot3_pair", odometry_frame="start", speed_step=0.01, turn_rate_step=0.01)
-SIX = with_robots("six_robots", odometry_frame="start")
-AT_REST = (0.0, 0.0)
+SIX = load("six_robots")
+SIX_FROM_START = with_robots("six_robots", odometry_frame="start")
 PERIOD = 0.05
 
 
-class Driver:
+class Circling:
     """Feeds the localisation of a robot that goes round in circles, in its own frame."""
 
     def __init__(self, name: str = "robot2", speed: float = 0.1, turn_rate: float = 0.4) -> None:
@@ -50,35 +52,26 @@ class Driver:
             self.true_position += speed * after * half * self.true_heading
             self.true_heading *= half * half
             message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, turn_rate)
-            self.here.update_pose(message, self.mono, Now(self.mono, EPOCH + self.mono))
+            self.here.update_pose(message, self.mono, at(self.mono))
 
-    def count_anew(self, position: complex = 0j, heading: complex = 1.0 + 0.0j) -> None:
-        self.position, self.heading = position, heading
+    def count_anew(self) -> None:
+        self.position, self.heading = 0j, 1.0 + 0.0j
 
     @property
     def error(self) -> float:
         return abs(self.here.state.position - self.true_position)
 
     @property
-    def jumped(self) -> bool:
-        return self.here.state.jumped is not None
-
-    @property
     def turned(self) -> float:
         return abs(cmath.phase(self.here.state.measured / self.true_heading))
 
 
-def test_the_start_pose_places_and_turns_what_odometry_counts() -> None:
-    driver = Driver()
-    driver.drive(times=100)
+def test_restarted_agent_knows_position_and_heading_since_start() -> None:
+    driver = Circling()
+    driver.drive(times=60)
     assert driver.error < 1e-9
     assert driver.turned < 1e-9
     assert driver.here.state.jumps == 0
-
-
-def test_restarted_agent_knows_position_and_heading_since_start() -> None:
-    driver = Driver()
-    driver.drive(times=60)
     driver.here = Localisation(PAIR, "robot2", LAWS["field"])
     driver.drive()
     assert driver.error < 1e-9
@@ -88,28 +81,24 @@ def test_restarted_agent_knows_position_and_heading_since_start() -> None:
 
 @pytest.mark.parametrize(
     ("far", "way", "turn"),
-    [
-        *itertools.product([0.02, 0.05, 0.5, 5.0], [0, 90, 180, 270], [0.0, 0.2, math.pi]),
-        (0.0, 0, 0.2),
-    ],
+    [*itertools.product([0.02, 0.05, 0.5, 5.0], [0, 90, 180, 270], [0.0, 0.2, math.pi]), (0.0, 0, 0.2)],
 )
 def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, turn: float) -> None:
-    driver = Driver()
+    driver = Circling()
     driver.drive(times=60)
-    driver.count_anew(
-        driver.position + cmath.rect(far, math.radians(way)), driver.heading * cmath.rect(1.0, turn)
-    )
+    driver.position += cmath.rect(far, math.radians(way))
+    driver.heading *= cmath.rect(1.0, turn)
     driver.drive()
     assert driver.here.state.jumped
     driver.drive(times=60)
-    assert not driver.jumped
+    assert driver.here.state.jumped is None
     assert driver.here.state.jumps == 1
     assert driver.error < 1e-3
     assert driver.turned < 1e-3
 
 
 def test_turn_during_odometry_jump_keeps_estimated_heading() -> None:
-    driver = Driver(turn_rate=2.0)
+    driver = Circling(turn_rate=2.0)
     driver.drive(times=400)
     assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
     driver.count_anew()
@@ -120,7 +109,7 @@ def test_turn_during_odometry_jump_keeps_estimated_heading() -> None:
 
 @pytest.mark.parametrize("silence", [0.2, 3.0, 60.0])
 def test_odometry_restart_after_silence_keeps_pose(silence: float) -> None:
-    driver = Driver()
+    driver = Circling()
     driver.drive(times=60)
     driver.drive(times=10, still=True)
     driver.count_anew()
@@ -133,7 +122,7 @@ def test_odometry_restart_after_silence_keeps_pose(silence: float) -> None:
 
 @pytest.mark.parametrize("silence", [0.2, 1.0])
 def test_driving_during_odometry_silence_is_no_jump(silence: float) -> None:
-    driver = Driver()
+    driver = Circling()
     driver.drive(times=60)
     driver.drive(silence)
     driver.drive(times=5)
@@ -143,7 +132,7 @@ def test_driving_during_odometry_silence_is_no_jump(silence: float) -> None:
 
 @pytest.mark.parametrize("slow", [0.0, 0.05])
 def test_driving_at_hardest_limits_never_jumps(slow: float) -> None:
-    driver = Driver()
+    driver = Circling()
     for number in range(400):
         driver.speed, driver.turn_rate = ((0.2108, 2.635), (slow, -2.635), (-0.2108, 0.0))[number // 7 % 3]
         driver.drive(PERIOD * (1 + number % 3))
@@ -155,13 +144,13 @@ def test_world_frame_position_follows_odometry_after_jump() -> None:
     here = Localisation(mission, "robot2", LAWS["field"])
     for number, x in enumerate([0.0, 0.0, 5.0, 5.0]):
         mono = PERIOD * number
-        here.update_pose(Odometry(EPOCH + mono, x, 1 + 0j, 0.0, 0.0), mono, Now(mono, EPOCH + mono))
+        here.update_pose(Odometry(EPOCH + mono, x, 1 + 0j, 0.0, 0.0), mono, at(mono))
     assert here.state.position == 5.0
     assert here.state.jumps == 1
     assert here.alignment is Localised.ODOMETRY_WORLD
 
 
-@pytest.mark.parametrize("mission", [PAIR, *slow(SIX)], ids=["pair", "six"])
+@pytest.mark.parametrize("mission", [PAIR, *slow(SIX_FROM_START)], ids=["pair", "six"])
 def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
     fleet = Fleet(mission).after(20.0)
     assert fleet.error() < 0.02
@@ -189,15 +178,14 @@ def test_odometry_reset_stops_robot_and_resumes_without_lurch(heading: str) -> N
 
 
 def test_robot_with_doubtful_position_publishes_none() -> None:
-    fleet = Fleet(SIX)
+    fleet = Fleet(SIX_FROM_START)
     received: list[float] = []
 
     def listen(sample: Sample) -> tuple[Sample]:
-        if sample.key == POSITION.key("robot3"):
-            received.append(sample.arrived)
+        received.append(sample.arrived)
         return (sample,)
 
-    fleet.meddle = listen
+    fleet.meddle = on(POSITION.key("robot3"), listen)
     fleet.run(5.0)
     reset_odometry(fleet.world.plant("robot3"))
     fleet.run(1.0)
@@ -211,9 +199,7 @@ def test_robot_with_doubtful_position_publishes_none() -> None:
 @pytest.mark.parametrize("seed", [0, *slow(1, 2, 3)])
 def test_lossy_odometry_while_turning_is_no_jump(seed: int) -> None:
     dice, fleet = random.Random(seed), Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
-    fleet.meddle = lambda sample: (
-        () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
-    )
+    fleet.meddle = on(ODOM.key("robot1"), lambda one: () if dice.random() < 0.6 else (one,))
     fleet.run(12.0)
     assert fleet.agents["robot1"].here.state.jumps == 0
     fleet.meddle = lambda sample: (sample,)
@@ -228,3 +214,110 @@ def test_absurd_odometry_moves_no_robot(far: float) -> None:
     fleet.run(3.0)
     assert set(fleet.commands_since("robot1", 0.0)) == {AT_REST}
     assert fleet.status("robot1").reason.code is Code.POSITION_TOO_FAR
+
+
+class Driver:
+    """Feeds one robot's localisation, straight ahead along x unless told otherwise."""
+
+    def __init__(self, law: str = "field") -> None:
+        self.here = Localisation(SIX, "robot3", LAWS[law])
+        self.mono, self.position, self.heading = 0.0, 0j, 1.0 + 0.0j
+
+    def drive(
+        self, after: float = PERIOD, *, speed: float = 0.5, move: complex = 0j, turn: float = 0.0
+    ) -> float | None:
+        self.mono += after
+        self.heading *= cmath.rect(1.0, turn)
+        self.position += speed * after * self.heading + move
+        message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, 0.0)
+        return self.here.update_pose(message, self.mono, at(self.mono))
+
+
+def driving(law: str = "field") -> Driver:
+    driver = Driver(law)
+    for _ in range(40):
+        driver.drive()
+    return driver
+
+
+@pytest.fixture
+def driver() -> Driver:
+    driver = driving()
+    assert driver.here.state.follows
+    assert abs(driver.here.heading - 1.0) < 0.01
+    return driver
+
+
+def test_the_first_message_opens_an_interval_and_the_second_closes_it() -> None:
+    driver = Driver()
+    assert driver.drive() is None
+    assert not driver.here.state.follows
+    assert driver.drive() == pytest.approx(PERIOD, abs=1e-6)
+    assert driver.here.state.follows
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.9, 1.1])
+def test_after_gap_heading_needs_a_complete_interval(driver: Driver, gap: float) -> None:
+    assert driver.drive(gap) is None
+    assert driver.here.state.jumped is None
+    assert not driver.here.state.follows
+    driver.drive()
+    assert driver.here.state.follows
+
+
+@pytest.mark.parametrize("gap", [PERIOD, 0.4, 1.1])
+def test_jump_is_detected_in_time_and_after_gap(driver: Driver, gap: float) -> None:
+    assert driver.drive(gap, move=5.0 + 0.0j) is None
+    assert driver.here.state.jumped is not None
+    assert driver.here.state.jumped.code is Code.POSITION_JUMPED
+    for _ in range(2):
+        driver.drive()
+        assert driver.here.state.jumped is not None
+    for _ in range(2):
+        driver.drive()
+    assert driver.here.state.jumped is None
+
+
+def test_gyroscope_reset_jumps_without_changing_estimated_heading(driver: Driver) -> None:
+    before = driver.here.heading
+    assert driver.drive(turn=math.pi / 2.0, move=0.025 - 0.025j) is None
+    assert str(driver.here.state.jumped) == "odometry jumped by +1.57 rad"
+    assert driver.here.heading == before
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_impossible_speed_does_not_change_estimated_heading(law: str) -> None:
+    driver = driving(law)
+    before = driver.here.heading
+    assert driver.drive(speed=-1e3, move=1e3 * PERIOD + 0.025) is None
+    assert driver.here.state.jumped is not None
+    assert driver.here.heading == before
+
+
+def test_turning_at_maximum_rate_is_no_jump(driver: Driver) -> None:
+    for _ in range(40):
+        driver.drive(turn=1.5 * PERIOD)
+        assert driver.here.state.jumped is None
+
+
+def test_the_printed_observer_stays_a_number_however_far_a_robot_reverses() -> None:
+    driver = Driver("paper")
+    for _ in range(4000):
+        driver.drive(speed=-1.5)
+        assert cmath.isfinite(driver.here.state.estimate)
+    assert abs(driver.here.heading) == pytest.approx(1.0)
+
+
+def test_wheels_that_stand_teach_nothing_and_the_collision_filter_knows_it() -> None:
+    mission = team({"robot1": ("leader",)}, localisation="external")
+    here, noise = Localisation(mission, "robot1", LAWS["field"]), random.Random(1)
+    faces, position, moment = cmath.rect(1.0, 2.5), 0j, 0.0
+    for phase, speed in enumerate((0.0, 0.5, 0.0)):  # blocked at first and in the end, though told to drive
+        for _ in range(40):
+            moment += PERIOD
+            position += speed * PERIOD * faces
+            seen = position + complex(noise.gauss(0.0, 1e-3), noise.gauss(0.0, 1e-3))
+            here.update_pose(Pose(EPOCH + moment, seen, 1.0 + 0.0j), moment, at(moment))
+            here.commanded(moment, Command(0.5, 0.0))
+            assert phase == 0 or abs(cmath.phase(here.course / faces)) <= here.course_doubt
+        assert (here.course_doubt < 0.2) if speed else (here.course_doubt == math.pi)
