@@ -12,58 +12,42 @@ from formation.protocol.status import AgentState
 from tests.support.restarting import Drawer, Team, driving
 
 SIX = load("six_robots")
-
-
 BEFORE = {Code.STOPPED_BEFORE_START, Code.HELD_BEFORE_START}
 
 
-def state_of(team: Team, name: str = "robot3") -> AgentState:
-    return team.agents[name].decision.state
+def state_of(team: Team) -> AgentState:
+    return team.agents["robot3"].decision.state
 
 
-def stopped(do: str = "stop") -> Team:
-    team = driving(SIX, 5.0)
-    assert team.tell("robot3", do).ok
-    team.run(0.5)
-    return team
+@pytest.fixture
+def team() -> Team:
+    return driving(SIX, 5.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("do", "state"), [("stop", AgentState.STOP), ("hold", AgentState.HOLD)])
 @pytest.mark.parametrize("boot", ["this very boot", "another"])
-def test_operator_stop_persists_over_restarts_until_released(do: str, state: AgentState, boot: str) -> None:
-    team = stopped(do)
-    for _ in range(2):
+def test_operator_stop_persists_over_restarts_until_released(
+    team: Team, do: str, state: AgentState, boot: str
+) -> None:
+    assert team.tell("robot3", do).ok
+    team.run(0.5)
+    for rest, ends in ((state, None), (state, "release"), (AgentState.HOLD, "run")):
         team.replace("robot3", boot=boot)
         team.run(3.0)
-        assert team.agents["robot3"].decision.state is state
+        assert state_of(team) is rest
         assert team.agents["robot3"].decision.reason.code in BEFORE
         assert team.last_command("robot3") == (0.0, 0.0)
-    assert team.tell("robot3", "release").ok
-    assert team.tell("robot3", "run").ok
+        assert ends is None or team.tell("robot3", ends).ok
     team.run(1.0)
-    assert team.agents["robot3"].decision.state is AgentState.RUN
+    assert state_of(team) is AgentState.RUN
     team.replace("robot3", boot=boot)
     team.run(1.0)
-    assert team.agents["robot3"].decision.state is AgentState.RUN
-
-
-@pytest.mark.slow
-def test_the_hold_after_a_release_outlives_the_process() -> None:
-    team = stopped("stop")
-    for state, do in ((AgentState.STOP, "release"), (AgentState.HOLD, "run")):
-        team.replace("robot3")
-        team.run(2.0)
-        assert state_of(team) is state
-        assert team.agents["robot3"].decision.reason.code in BEFORE
-        assert team.tell("robot3", do).ok
-        team.run(1.0)
     assert state_of(team) is AgentState.RUN
 
 
 @pytest.mark.slow
-def test_a_release_after_a_restart_ends_the_stop_that_it_names() -> None:
-    team = driving(SIX, 5.0)
+def test_a_release_after_a_restart_ends_the_stop_that_it_names(team: Team) -> None:
     team.tell("robot3", "stop", id="s2")
     team.replace("robot3")
     assert team.tell("robot3", "release", id="r1", ends=("s1",)).code == "another"
@@ -74,8 +58,9 @@ def test_a_release_after_a_restart_ends_the_stop_that_it_names() -> None:
 @pytest.mark.parametrize(
     ("mode", "state"), [("stop", AgentState.STOP), ("hold", AgentState.HOLD), (None, AgentState.RUN)]
 )
-def test_stored_stops_without_holding_restore_no_hold(mode: str | None, state: AgentState) -> None:
-    team = driving(SIX, 5.0)
+def test_stored_stops_without_holding_restore_no_hold(
+    team: Team, mode: str | None, state: AgentState
+) -> None:
     team.tell("robot3", "run")
     kept = json.loads(team.drawers["robot3"].texts["stops"])
     assert "holding" not in kept, "who goes back to a version that did not know of it can read it"
@@ -86,16 +71,14 @@ def test_stored_stops_without_holding_restore_no_hold(mode: str | None, state: A
     assert state_of(team) is state
 
 
-def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept() -> None:
-    team = driving(SIX, 5.0)
+def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept(team: Team) -> None:
     assert team.tell("robot3", "stop").ok
     team.replace("robot3")  # not a single step has been taken
     team.run(2.0)
-    assert team.agents["robot3"].decision.state is AgentState.STOP
+    assert state_of(team) is AgentState.STOP
 
 
-def test_stop_that_cannot_be_stored_is_obeyed() -> None:
-    team = driving(SIX, 5.0)
+def test_stop_that_cannot_be_stored_is_obeyed(team: Team) -> None:
     team.drawers["robot3"].failure = "no space left on device"
     answer = team.tell("robot3", "stop", id="s")
     assert (answer.ok, answer.mode) == (True, "stop")
@@ -106,13 +89,12 @@ def test_stop_that_cannot_be_stored_is_obeyed() -> None:
 
 
 @pytest.mark.slow
-def test_an_agent_that_ends_well_was_not_stopped_by_an_operator() -> None:
-    team = driving(SIX, 5.0)
+def test_an_agent_that_ends_well_was_not_stopped_by_an_operator(team: Team) -> None:
     team.halt("robot3")
     team.run(1.0)
     team.begin("robot3")
     team.run(1.0)
-    assert team.agents["robot3"].decision.state is AgentState.RUN
+    assert state_of(team) is AgentState.RUN
 
 
 @pytest.mark.slow
@@ -120,8 +102,7 @@ def test_an_agent_that_ends_well_was_not_stopped_by_an_operator() -> None:
     "text",
     [b"", b"{", b"[]", b"null", b"\xff\x00", b'{"robot": "robot3"}', b'{"robot": "robot3", "mode": "sotp"}'],
 )
-def test_unreadable_stops_file_stops_robot_and_is_named(text: bytes) -> None:
-    team = driving(SIX, 5.0)
+def test_unreadable_stops_file_stops_robot_and_is_named(team: Team, text: bytes) -> None:
     team.lose("robot3", 0.5)
     team.drawers["robot3"].texts["stops"] = text
     team.begin("robot3")
@@ -141,8 +122,9 @@ def test_unreadable_stops_file_stops_robot_and_is_named(text: bytes) -> None:
 
 
 @pytest.mark.slow
-def test_stored_stop_of_another_robot_is_refused() -> None:
-    team = stopped()
+def test_stored_stop_of_another_robot_is_refused(team: Team) -> None:
+    assert team.tell("robot3", "stop").ok
+    team.run(0.5)
     team.kill("robot4")
     team.drawers["robot4"].texts["stops"] = team.drawers["robot3"].texts["stops"]
     team.begin("robot4")
@@ -160,12 +142,11 @@ def test_a_file_that_cannot_be_opened_is_a_stop_as_well() -> None:
     team.drawers["robot3"] = Broken()
     team.begin("robot3")
     team.run(0.5)
-    assert team.agents["robot3"].decision.state is AgentState.STOP
+    assert state_of(team) is AgentState.STOP
     assert "cannot be read: Permission denied" in str(team.agents["robot3"].decision.reason)
 
 
-def test_repeated_release_after_restart_ends_no_later_stop() -> None:
-    team = driving(SIX, 5.0)
+def test_repeated_release_after_restart_ends_no_later_stop(team: Team) -> None:
     team.tell("robot3", "hold", id="h")
     team.tell("robot3", "release", id="r")
     team.run(0.5)
@@ -176,23 +157,23 @@ def test_repeated_release_after_restart_ends_no_later_stop() -> None:
         team.tell("robot3", "release", id="r", age=2.0)  # its operator still waits for another robot
         team.tell("robot3", "release", id="older", age=3.0)
         team.run(0.3)
-    assert team.agents["robot3"].decision.state is AgentState.STOP
+    assert state_of(team) is AgentState.STOP
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boot", ["this very boot", "another"])
-def test_release_requested_before_stop_is_refused_after_restart(boot: str) -> None:
-    team = stopped()
+def test_release_requested_before_stop_is_refused_after_restart(team: Team, boot: str) -> None:
+    assert team.tell("robot3", "stop").ok
+    team.run(0.5)
     team.replace("robot3", 2.0, boot=boot)
     assert not team.tell("robot3", "release", id="old", age=5.0).ok
     team.run(0.5)
     assert not team.tell("robot3", "release", id="old-too", age=5.0).ok
-    assert team.agents["robot3"].decision.state is AgentState.STOP
+    assert state_of(team) is AgentState.STOP
     assert team.tell("robot3", "release", id="new", age=0.6).ok is (boot == "this very boot")
 
 
-def test_stopped_robot_stays_stopped_after_full_restart() -> None:
-    team = driving(SIX, 5.0)
+def test_stopped_robot_stays_stopped_after_full_restart(team: Team) -> None:
     for name in SIX.followers:
         team.tell(name, "stop")
     team.run(0.5)
