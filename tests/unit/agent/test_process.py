@@ -1,4 +1,4 @@
-"""What an agent's loop sends to which side, and in what order."""
+"""What an agent's loop sends to which side, and what it makes of the link to its robot."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ from formation.agent.persistence.store import Store
 from formation.agent.process import REFUSED_PERIOD, Sides
 from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
+from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.reasons import Code
-from formation.protocol.status import AgentState
-from formation.ros2.messages import Number, Odometry, encode
-from formation.topics import Topic
+from formation.protocol import order
+from formation.protocol.order import OperatorReply
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState, RobotLink
+from formation.protocol.status_codec import LINKS
+from formation.ros2.messages import Number, Odometry, TwistStamped, decode, encode
+from formation.topics import ALIVE, CMD_VEL, STATUS, Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
+from tests.support.fleet import Fleet, at
+from tests.support.meddling import lost
 from tests.support.missions import with_robots
 from tests.support.restarting import Drawer
 
@@ -84,8 +90,13 @@ class Setting:
         return [(side, key) for side, key, _ in self.log]
 
 
-def test_command_is_sent_first_and_inputs_repeated_last() -> None:
-    assert Setting().turn(ODOMETRY) == [
+@pytest.fixture
+def setting() -> Setting:
+    return Setting()
+
+
+def test_command_is_sent_first_and_inputs_repeated_last(setting: Setting) -> None:
+    assert setting.turn(ODOMETRY) == [
         ("robot", "robot2/cmd_vel"),
         ("robot", "robot2/alive"),
         ("fleet", "robot2/position"),
@@ -97,8 +108,7 @@ def test_command_is_sent_first_and_inputs_repeated_last() -> None:
     ]
 
 
-def test_command_is_sent_before_later_messages_are_computed() -> None:
-    setting = Setting()
+def test_command_is_sent_before_later_messages_are_computed(setting: Setting) -> None:
 
     def says() -> Iterator[Outgoing]:
         yield Outgoing("robot2/cmd_vel", b"command")
@@ -110,17 +120,16 @@ def test_command_is_sent_before_later_messages_are_computed() -> None:
     assert len(setting.log) == 4
 
 
-def test_attachments_are_sent_to_the_fleet_only() -> None:
-    setting = Setting()
+def test_attachments_are_sent_to_the_fleet_only(setting: Setting) -> None:
     setting.turn(ODOMETRY)
     attachments = {(side, key): attachment for side, key, attachment in setting.log}
+    assert {attachment for (side, _), attachment in attachments.items() if side == "robot"} == {None}
     assert attachments["fleet", "robot2/position"] is not None
-    assert attachments["robot", "robot2/position"] is None
+    assert attachments["fleet", "robot2/cmd_vel"] is not None
     assert attachments["fleet", "robot2/odom"] is None
 
 
-def test_second_agent_on_the_robot_makes_both_hold() -> None:
-    setting = Setting()
+def test_second_agent_on_the_robot_makes_both_hold(setting: Setting) -> None:
     assert "robot2/alive" in setting.robot.waiting  # its signs of life wake nobody
     sign = Sample("robot2/alive", encode(Number(12.0)), None, 1.0)
     setting.turn(ODOMETRY, sign)
@@ -148,8 +157,7 @@ def test_readonly_agent_sends_robot_no_command_or_life() -> None:
     assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
 
 
-def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
-    setting = Setting()
+def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated(setting: Setting) -> None:
     others = ["robot1/position"]
     assert setting.fleet.subscribed == others
     assert setting.robot.subscribed == ["robot2/odom", "robot2/scan", "robot2/alive"]
@@ -169,16 +177,16 @@ def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
 
 
 @pytest.mark.parametrize("received", [(ODOMETRY,), (ODOMETRY, SEEN), (SEEN, ODOMETRY, SEEN)])
-def test_everything_heard_is_repeated_once_and_in_order(received: Sequence[Sample]) -> None:
-    setting = Setting()
+def test_everything_heard_is_repeated_once_and_in_order(setting: Setting, received: Sequence[Sample]) -> None:
     repeated = [key for _, key in setting.turn(*received)][-len(received) :]
     assert repeated == [sample.key for sample in received]
     assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
     assert setting.sides.dropped == {}
 
 
-def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = Setting()
+def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
     for connected, listens in ((True, False), (False, False), (True, True), (True, True)):
@@ -188,8 +196,7 @@ def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(monkeypatch: py
     assert links == [(True, True), (True, False), (False, None), (True, True)]
 
 
-def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = Setting()
+def test_a_command_does_not_wait_for_a_look_around(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
     routed = setting.robot.routed
 
     def looked(key: str) -> bool | None:
@@ -200,8 +207,7 @@ def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPat
     assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
 
 
-def test_refusals_are_queried_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = Setting()
+def test_refusals_are_queried_rarely(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
     setting.turn()
@@ -212,8 +218,9 @@ def test_refusals_are_queried_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     assert setting.fleet.requested == 2
 
 
-def test_agent_with_failing_status_still_stops_its_robot(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = Setting()
+def test_agent_with_failing_status_still_stops_its_robot(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     setting.turn(ODOMETRY)
     setting.log.clear()
 
@@ -245,8 +252,7 @@ def keeping(setting: Setting, disk: Drawer) -> None:
     setting.sides.declare()
 
 
-def test_stop_is_sent_before_it_is_stored() -> None:
-    setting = Setting()
+def test_stop_is_sent_before_it_is_stored(setting: Setting) -> None:
     disk = Slow(setting.log)
     keeping(setting, disk)
     setting.sides.request(b'{"do":"hold"}', 1.1)
@@ -260,8 +266,8 @@ def test_stop_is_sent_before_it_is_stored() -> None:
     assert setting.agent.decision.state is AgentState.STOP
 
 
-def test_stop_is_stored_even_if_its_step_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting, disk = Setting(), Drawer()
+def test_stop_is_stored_even_if_its_step_fails(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Drawer()
     keeping(setting, disk)
     setting.turn(ODOMETRY)
 
@@ -272,3 +278,109 @@ def test_stop_is_stored_even_if_its_step_fails(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(ZeroDivisionError):
         setting.sides.request(b'{"do":"stop"}', 1.1)
     assert b'"mode": "stop"' in disk.texts["stops"]
+
+
+PAIR = with_robots("turtlebot3_pair", speed_step=0.01, turn_rate_step=0.01)
+AT_REST = (0.0, 0.0)
+LOST = Surroundings(connected=True, routed=False)
+FINE = Surroundings(connected=True, routed=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("surroundings", "reason", "link"),
+    [
+        (LOST, Code.NO_LISTENER, RobotLink.NO_LISTENER),
+        (Surroundings(connected=False), Code.NO_LINK, RobotLink.NOT_CONNECTED),
+    ],
+)
+def test_disconnected_robot_gets_zero_and_status_gives_reason(
+    surroundings: Surroundings, reason: Code, link: RobotLink
+) -> None:
+    fleet = Fleet.under_way(PAIR, 3.0)
+    agent = fleet.agents["robot1"]
+    integral = agent.state.integral
+    agent.aware(surroundings)
+    fleet.run(2.0)
+    assert set(fleet.commands_since("robot1", 3.06)) == {AT_REST}
+    result = fleet.reported("robot1")
+    assert result.level == 1
+    assert fleet.status("robot1").reason == Reason(reason)
+    assert fleet.status("robot1").link is link
+    assert LINKS[link] in result.message
+    assert agent.state.integral == integral
+    agent.aware(FINE)
+    fleet.run(20.0)
+    assert fleet.status("robot1").link is RobotLink.CONNECTED
+    assert fleet.error() < 0.03
+
+
+def test_status_reports_refusals_by_kind_but_no_unknown_link() -> None:
+    fleet = Fleet(SIX)
+    refused = {"put robot3/position": 12, "certificate: unknown issuer": 3}
+    fleet.agents["robot2"].aware(Surroundings(True, True, refused))
+    fleet.run(1.0)
+    assert fleet.status("robot2").refused == refused
+    assert fleet.status("robot3").link is RobotLink.UNKNOWN
+    assert "link" not in fleet.message("robot3")
+
+
+class Moored(Fleet):
+    """A fleet whose robot1 is only looked at: nobody passes on what its agent commands."""
+
+    def new_agent(self, name: str) -> Agent:
+        return Agent(self.mission, name, self.law, readonly=name == "robot1", publisher_id=name)
+
+
+@pytest.mark.parametrize("source", ["odometry", "external"])
+def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
+    fleet = Moored(with_robots("turtlebot3_pair", localisation=source, speed_step=0.01, turn_rate_step=0.01))
+    fleet.meddle = lost(CMD_VEL.key("robot1"))
+    agent = fleet.agents["robot1"]
+    agent.aware(LOST)  # nothing is published there, so nobody can be seen to listen
+    fleet.run(10.0)
+    result = fleet.status("robot1")
+    assert fleet.reported("robot1").level == 1
+    assert (result.state, result.readonly) == (AgentState.RUN, True)
+    assert result.reason == Reason(Code.RUNNING)
+    assert fleet.message("robot1").startswith("readonly: would run: ")
+    assert fleet.last_command("robot1") != AT_REST
+    assert fleet.plant("robot1").path == 0.0
+    start = fleet.mission.first_heading("robot1")
+    assert agent.here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
+    assert all(abs(left) <= 0.01 for left in agent.commander.state.remainder)
+
+
+@pytest.mark.parametrize("law", [name for name, one in LAWS.items() if one.integral])
+def test_readonly_integral_stays_zero(law: str) -> None:
+    fleet, driven = Moored(PAIR, law=law), Fleet(PAIR, law=law)
+    fleet.meddle = lost(CMD_VEL.key("robot1"))
+    for one in (fleet, driven):
+        one.run(10.0)
+    assert driven.agents["robot1"].state.integral != 0j
+    assert fleet.agents["robot1"].state.integral == 0j
+
+
+@pytest.mark.parametrize("readonly", [True, False])
+def test_answers_tell_readonly_agents_apart(*, readonly: bool) -> None:
+    agent = Agent(PAIR, "robot1", readonly=readonly)
+    for request in (b'{"do":"query"}', b'{"do":"run"}', b'{"do":"stop"}', b"junk"):
+        assert order.decode(OperatorReply, agent.request(request, 0.0)).readonly is readonly
+
+
+def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
+    agent, alive = Agent(PAIR, "robot1"), list[float]()
+    for mono in (1.0, 2.0, 2.7):
+        command, life, *_ = agent.step(at(mono), [])
+        assert (command.key, life.key) == (CMD_VEL.key("robot1"), ALIVE.key("robot1"))
+        alive.append(decode(Number, life.payload).value)
+    assert alive == pytest.approx([0.0, 1.0, 1.7])
+
+
+def test_halting_agent_sends_zero_then_farewell_then_status() -> None:
+    agent = Agent(PAIR, "robot1")
+    command, leave, result = agent.halt(at(1.0), "SIGTERM")
+    assert decode(TwistStamped, command.payload).speed == 0.0
+    assert leave.key == ALIVE.key("robot1")
+    assert decode(Number, leave.payload).value == FAREWELL
+    assert result.key == STATUS.key("robot1")
