@@ -76,6 +76,14 @@ class Setting:
         return next((sample.attachment or b"" for sample, _ in self.record if sample.key == KEY), b"")
 
 
+@pytest.fixture
+def setting() -> Setting:
+    """After its first command."""
+    setting = Setting()
+    setting.turn(1.0)
+    return setting
+
+
 def test_command_trace_carries_all_steps_since_last_command() -> None:
     setting = Setting()
     assert setting.turn(1.0)["n"] == 1  # at rest, because there is nothing to go by yet
@@ -101,9 +109,7 @@ def test_the_first_one_says_what_the_agent_is_and_knows() -> None:
     assert result["state"] == dump(setting.agent)
 
 
-def test_state_is_traced_every_five_seconds_after_command() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_state_is_traced_every_five_seconds_after_command(setting: Setting) -> None:
     moment, reported = 1.0, []
     for _ in range(450):
         moment += 0.05
@@ -132,18 +138,15 @@ def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
     assert setting.turn(1.3)["steps"] == [[1.3, 1.7e9 + 1.3, [], [False, None, False]]]
 
 
-def test_operator_requests_are_traced_and_invalid_ones_skipped() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_operator_requests_are_traced_and_invalid_ones_skipped(setting: Setting) -> None:
     for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * (MAX_REQUEST_BYTES + 1)):
         setting.loop.sides.request(request, 1.05)
     assert setting.turn(1.1)["steps"] == [[1.05, '{"do":"stop"}'], [1.1, 1.7e9 + 1.1, []]]
 
 
 @pytest.mark.parametrize("size", [1025, 2001, MAX_REQUEST_BYTES])
-def test_longest_obeyed_request_is_traced_and_read(size: int) -> None:
-    setting, stop = Setting(), b'{"do":"stop"}'.ljust(size)
-    setting.turn(1.0)
+def test_longest_obeyed_request_is_traced_and_read(setting: Setting, size: int) -> None:
+    stop = b'{"do":"stop"}'.ljust(size)
     setting.loop.sides.request(stop, 1.05)
     assert setting.turn(1.1)["steps"][0] == [1.05, stop.decode()]
     assert setting.agent.decision.state is AgentState.STOP
@@ -151,9 +154,7 @@ def test_longest_obeyed_request_is_traced_and_read(size: int) -> None:
     assert reported.steps[0] == RequestStep(1.05, stop.decode())
 
 
-def test_too_many_long_requests_become_a_gap() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_too_many_long_requests_become_a_gap(setting: Setting) -> None:
     for _ in range(4):
         setting.loop.sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), 1.05)
     result = setting.turn(2.1)
@@ -161,19 +162,10 @@ def test_too_many_long_requests_become_a_gap() -> None:
     assert result["state"]["latch"]["rest"]["stop"]
 
 
-def test_the_last_words_carry_a_trace_as_well() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_the_last_words_carry_a_trace_as_well(setting: Setting) -> None:
     setting.record.clear()
     setting.loop.halt(at(1.2), "SIGTERM")
     assert setting.trace() == {"n": 2, "publisher_id": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
-
-
-def test_on_the_robots_side_nothing_rides() -> None:
-    said = Setting().loop.step(at(1.0), [odometry(1.0)])
-    beside = {out.key: out.attachment for out in said if out.key != POSITION.key("robot3")}
-    assert KEY in beside
-    assert set(beside.values()) == {None}
 
 
 def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,9 +182,7 @@ def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pyt
     assert [KEY in keys for keys in at_the_robot] == [True]
 
 
-def test_flood_becomes_gap_and_next_command_starts_anew() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_flood_becomes_gap_and_next_command_starts_anew(setting: Setting) -> None:
     flood = [position(1.1, number) for number in range(MAX_TRACED_INPUTS + 1)]
     result = setting.turn(2.2, *flood)
     assert "steps" not in result
@@ -222,18 +212,14 @@ def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     assert "gap" in json.loads(result)
 
 
-def test_oversized_message_becomes_gap() -> None:
-    setting = Setting()
-    setting.turn(1.0)
+def test_oversized_message_becomes_gap(setting: Setting) -> None:
     result = setting.turn(1.1, Sample(POSITION.key("robot1"), b"x" * (MAX_PAYLOAD_BYTES + 1), None, 1.1))
     assert "longer than any that is read" in result["gap"]
     assert "gap" not in setting.turn(1.2)
 
 
-def test_a_recording_can_keep_whatever_rides() -> None:
+def test_a_recording_can_keep_whatever_rides(setting: Setting) -> None:
     """On a std_msgs/String, whose text has to be printable and not too long."""
-    setting = Setting()
-    setting.turn(1.0)
     for _ in range(64):
         setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
