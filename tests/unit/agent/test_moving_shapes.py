@@ -1,26 +1,31 @@
-"""Shapes that move while the team drives: robots go with their slots, and never in jerks."""
+"""Where agents take the slots to be, and how the team follows shapes that change."""
 
 from __future__ import annotations
 
+import cmath
+import random
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.agent.following.orders import Orders
-from formation.agent.following.slots import MAX_SLOT_SPEED_SHARE
-from formation.agent.following.slots import Slots as Taken
+from formation.agent.following.slots import MAX_SLOT_SPEED_SHARE, Slots
 from formation.control.ramp import FIRST_CHANGE_SHARE, MAX_RAMP_PERIODS
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import Order, Slots
+from formation.protocol.order import Order
+from formation.protocol.order import Slots as Said
 from formation.simulation.edges import Edges, edge_errors
+from formation.slots.shape import PlacedShape
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now
 from tests.support.fleet import Fleet
 from tests.support.meddling import reordered
-from tests.support.missions import with_robots
+from tests.support.missions import team, with_robots
 from tests.unit.agent.sudden import most_sudden
 from tests.unit.agent.wished import Wishes
 
@@ -60,28 +65,10 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
     assert most_sudden(fleet, since) < 0.18  # a gain of 8 1/s instead of 4; the ramp allows 0.2
 
 
-def unaware_of_velocities(slots: Taken) -> None:
-    follow = slots.follow
-
-    def followed(order: Order, arrived: float, moment: float) -> None:
-        follow(order, arrived, moment)
-        slots.state.velocity = dict.fromkeys(slots.state.velocity, 0j)
-
-    slots.follow = followed  # type: ignore[method-assign]
-
-
-def test_without_their_slots_velocity_they_would_lag_behind() -> None:
-    fleet = Fleet.under_way(SIX, 9.0)
-    for agent in fleet.agents.values():
-        unaware_of_velocities(agent._slots)
-    fleet.order_shape("wedge")
-    assert max(farthest(fleet) for _ in fleet.every(0.1, 3.0)) > 0.05
-
-
 @pytest.mark.slow
 def test_jumping_order_is_limited_to_slot_speed() -> None:
     fleet = Fleet.under_way(SIX, 9.0)
-    since, jump = fleet.now, Slots(mix={"wedge": 1.0}, rotation=1.5)
+    since, jump = fleet.now, Said(mix={"wedge": 1.0}, rotation=1.5)
     fleet.meddle = reordered(POSITION.key("robot1"), slots=jump)
     most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed
     for _ in range(100):
@@ -97,12 +84,12 @@ def test_jumping_order_is_limited_to_slot_speed() -> None:
 @pytest.mark.parametrize(
     ("slots", "why"),
     [
-        (Slots(mix={"star": 1.0}), "unknown shape 'star'; known: hexagon, wedge"),
-        (Slots(mix={"hexagon": 0.5, "wedge": 0.4}), "shares that sum to 0.9; must be 1"),
-        (Slots(mix={"hexagon": 1.0, "wedge": 1e-5}), "must be 1"),
+        (Said(mix={"star": 1.0}), "unknown shape 'star'; known: hexagon, wedge"),
+        (Said(mix={"hexagon": 0.5, "wedge": 0.4}), "shares that sum to 0.9; must be 1"),
+        (Said(mix={"hexagon": 1.0, "wedge": 1e-5}), "must be 1"),
     ],
 )
-def test_slots_that_are_none_are_refused(slots: Slots, why: str) -> None:
+def test_slots_that_are_none_are_refused(slots: Said, why: str) -> None:
     orders = Orders(SIX)
     order = Order(term=1, beat=1, mode="run", shape="hexagon", slots=slots)
     with pytest.raises(BadMessage, match=why):
@@ -172,3 +159,207 @@ def settled(mission: Mission) -> float:
 def test_ramps_cost_under_a_second_of_settling(name: str) -> None:
     at_once, ramped = with_robots(name, ramp=0.0), with_robots(name, ramp=0.25)
     assert settled(ramped) < settled(at_once) + 1.0
+
+
+def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
+    return Fleet(SIX, loss=loss, seed=3).after(seconds)
+
+
+@pytest.mark.slow
+def test_the_team_takes_another_shape_within_its_limits_and_goes_back() -> None:
+    fleet = driving(loss=0.3)
+    for shape in ("wedge", "hexagon"):
+        assert fleet.order_shape(shape).ok
+        fleet.run(0.5)
+        assert fleet.error() > SIX.settled
+        fleet.run(9.5)
+        assert fleet.error() < SIX.settled
+    assert fleet.within_limits
+
+
+def test_all_robots_follow_a_new_shape_while_driving() -> None:
+    fleet = driving()
+    before = {name: len(fleet.commands[name]) for name in SIX.followers}
+    fleet.order_shape("wedge")
+    fleet.run(0.5)
+    assert {agent.orders.newest.shape for agent in fleet.agents.values() if agent.orders.newest} == {"wedge"}
+    for name in SIX.followers:
+        assert all(command[1:] != AT_REST for command in fleet.commands[name][before[name] :])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rest", ["hold", "stop"])
+def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
+    fleet = driving()
+    requested = SIX.names if rest == "stop" else ("robot1",)
+    for name in requested:
+        assert fleet.ask(name, rest).ok
+    fleet.run(1.0)
+    before, where = {name: len(fleet.commands[name]) for name in SIX.followers}, fleet.points()
+    assert fleet.order_shape("wedge").ok
+    fleet.run(3.0)
+    for name in SIX.followers:
+        assert {command[1:] for command in fleet.commands[name][before[name] :]} == {AT_REST}
+    assert fleet.points() == pytest.approx(where, abs=1e-3)
+    since = fleet.now
+    for name in requested:
+        assert fleet.set_going(name).ok
+    fleet.run(10.0)
+    assert most_sudden(fleet, since, rests=True) < 0.5
+    assert fleet.error() < SIX.settled
+    assert fleet.within_limits
+
+
+orders = st.one_of(
+    st.sampled_from(["stop", "hold", "run", "release"]).map(lambda do: (do, None)),
+    st.sampled_from(["hexagon", "wedge"]).map(lambda shape: ("shape", shape)),
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.tuples(orders, st.floats(0.01, 1.0)), max_size=12))
+def test_whatever_is_ordered_in_whatever_haste_no_command_exceeds_a_limit(
+    given_orders: list[tuple[tuple[str, str | None], float]],
+) -> None:
+    fleet = driving(3.0, loss=0.1)
+    for (do, shape), wait in given_orders:
+        if shape is not None:
+            fleet.order_shape(shape)
+        for name in {"stop": SIX.names, "release": SIX.names, "shape": ()}.get(do, ("robot1",)):
+            fleet.ask(name, do)
+        fleet.run(wait)
+        if fleet.leader.mode == "stop" and wait > 0.2:
+            assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
+    assert fleet.within_limits
+
+
+PERIOD = 1.0 / SIX.robots[SIX.leader].rate
+STEP = 0.02
+
+
+def ordered(beat: int, *, term: int = 1, **slots: object) -> Order:
+    result = Said.model_validate(slots) if slots else None
+    return Order(term=term, beat=beat, mode="run", shape="hexagon", slots=result)
+
+
+def turned(beat: int, rate: float) -> Order:
+    return ordered(beat, mix={"hexagon": 1.0}, rotation=rate * beat * PERIOD)
+
+
+@given(st.lists(st.tuples(st.integers(1, 5), st.floats(0.001, 0.5)), min_size=1, max_size=50))
+def test_constant_order_gives_exact_slots_at_rest(received: list[tuple[int, float]]) -> None:
+    slots, beat, moment = Slots(SIX, "robot4"), 7, 100.0
+    for beats, wait in received:
+        beat, moment = beat + beats, moment + wait
+        slots.follow(ordered(beat), moment, moment)
+        assert slots.state.at == {name: SIX.slot(name, "hexagon") for name in ("robot4", "robot2", "robot3")}
+        assert set(slots.state.velocity.values()) == {0j}
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.3, 3.0), st.floats(0.0, 1.0))
+def test_newly_started_agent_adopts_current_slots(rotation: float, scale: float, share: float) -> None:
+    order = ordered(9, mix={"hexagon": share, "wedge": 1.0 - share}, rotation=rotation, scale=scale)
+    slots = Slots(SIX, "robot4")
+    slots.follow(order, 5.0, 5.0)
+    placed_shape = PlacedShape.of(order)
+    assert slots.state.at == {name: placed_shape.slot(SIX, name) for name in slots.state.at}
+    assert set(slots.state.velocity.values()) == {0j}
+
+
+JUMPS = st.tuples(
+    st.floats(-3.0, 3.0), st.floats(0.1, 5.0), st.integers(1, 30), st.floats(0.0, 0.3), st.integers(1, 3)
+)
+
+
+@given(st.lists(JUMPS, max_size=20))
+def test_slot_speed_never_exceeds_its_share(jumps: list[tuple[float, float, int, float, int]]) -> None:
+    slots, beat, moment = Slots(SIX, "robot5"), 1, 0.0
+    slots.follow(ordered(beat), moment, moment)
+    most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed
+    for rotation, scale, beats, wait, term in jumps:
+        beat += beats
+        order = ordered(beat, term=term, mix={"wedge": 1.0}, rotation=rotation, scale=scale)
+        arrived = moment + wait
+        for k in range(3):
+            before, moment_before, moment = dict(slots.state.at), moment, arrived + k * STEP
+            slots.follow(order, arrived, moment)
+            for name, was in before.items():
+                assert abs(slots.state.at[name] - was) <= most * (moment - moment_before) + 1e-9
+                assert abs(slots.state.velocity[name]) <= most + 1e-9
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.3, 3.0))
+def test_jumped_order_is_reached_exactly_and_then_rests(rotation: float, scale: float) -> None:
+    slots = Slots(SIX, "robot4")
+    slots.follow(ordered(1), 0.0, 0.0)
+    for k in range(1, 200):
+        order = ordered(1 + k, mix={"wedge": 1.0}, rotation=rotation, scale=scale)
+        slots.follow(order, k * PERIOD, k * PERIOD)
+    placed_shape = PlacedShape.of(order)
+    assert slots.state.at == {name: placed_shape.slot(SIX, name) for name in slots.state.at}
+    assert set(slots.state.velocity.values()) == {0j}
+
+
+def followed(rate: float, *, jitter: float, loss: float = 0.0, seed: int = 1) -> list[tuple[float, float]]:
+    """Relative errors of the velocity, and relative paces, while a shape turns at `rate` [rad/s]."""
+    draw, slots = random.Random(seed), Slots(SIX, "robot4")
+    found: list[tuple[float, float]] = []
+    order, arrived, before = turned(0, rate), 0.0, dict.fromkeys(("robot4", "robot2", "robot3"), 0j)
+    coming = [
+        (beat * PERIOD + 0.1 + draw.uniform(0.0, jitter), beat)
+        for beat in range(240)
+        if draw.random() >= loss or beat == 0
+    ]
+    moment = 0.1
+    while moment < 10.0:
+        for came, beat in coming:
+            if came <= moment and beat > order.beat:
+                order, arrived = turned(beat, rate), came
+        slots.follow(order, arrived, moment)
+        if moment > 2.0:
+            speed = abs(slots.state.at["robot4"] - before["robot4"]) / STEP
+            true = abs(rate * SIX.slot("robot4", "hexagon"))
+            found.append((abs(abs(slots.state.velocity["robot4"]) / true - 1.0), speed / true))
+        before, moment = dict(slots.state.at), moment + STEP
+    return found
+
+
+@pytest.mark.parametrize("rate", [0.05, 0.3])
+@pytest.mark.parametrize(("jitter", "loss"), [(0.0, 0.0), (0.08, 0.0), (0.08, 0.3)])
+def test_a_turning_shape_turns_evenly_despite_uneven_orders(rate: float, jitter: float, loss: float) -> None:
+    found = followed(rate, jitter=jitter, loss=loss)
+    assert max(off for off, _ in found) < 0.02
+    assert max(abs(pace - 1.0) for _, pace in found) < (0.25 if jitter else 0.05)
+
+
+def test_observers_agree_on_slot_at_full_speed() -> None:
+    mission = team({"one": ["leader"], "two": ["one"], "three": ["one", "two"]})
+    agents = [Slots(mission, name) for name in mission.followers]
+    for k in range(100):
+        order = Order(term=1, beat=k, mode="run", shape="wide" if k > 10 else "row")
+        for slots in agents:
+            slots.follow(order, k * PERIOD, k * PERIOD)
+        for first, second in pairwise(agents):
+            assert all(
+                first.state.at[name] == second.state.at[name]
+                for name in first.state.at.keys() & second.state.at.keys()
+            )
+
+
+def test_a_new_leader_moves_the_shape_on_from_where_it_was() -> None:
+    slots, rate = Slots(SIX, "robot4"), 0.2
+    for beat in range(100):
+        slots.follow(turned(beat, rate), beat * PERIOD, beat * PERIOD)
+    before = dict(slots.state.at)
+    for k in range(1, 40):
+        result = turned(99 + k, rate).slots
+        order = ordered(k, term=2).model_copy(update={"slots": result})
+        moment = (99 + k) * PERIOD
+        slots.follow(order, moment, moment)
+        for name, was in before.items():
+            assert abs(slots.state.at[name] - was) <= 1.5 * rate * abs(was) * PERIOD
+        before = dict(slots.state.at)
+    assert slots.state.at["robot4"] == pytest.approx(
+        cmath.rect(1.0, rate * (99 + 39) * PERIOD) * SIX.slot("robot4", "hexagon"), abs=0.02
+    )
