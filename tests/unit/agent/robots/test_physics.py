@@ -1,52 +1,62 @@
-"""What robots with mass, motors and wheels do when they are told to drive, and what they believe they did."""
+"""Robots with mass, motors and wheels: what they do when they are told to drive, alone and in formation."""
 
 from __future__ import annotations
 
+import cmath
 import math
+from statistics import fmean
 
 import pytest
 
-from formation.control.unicycle import Command
+from formation.control.unicycle import Command, advance
+from formation.deploy.testing.rehearsed import RehearsedFleet
+from formation.mission.file import parse, read
 from formation.mission.model import Mission
+from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode
+from formation.wire import Sample
 from tests.support import needs
+from tests.support.fleet import EPOCH, at
 
 pytestmark = pytest.mark.physics
 needs.leave_out_without("physics")
 
 from formation.agent.simulated.physics.world import World  # noqa: E402 - only where there is MuJoCo
-from tests.support.physics_worlds import PAIR, SIX, drive, placed, standing, touching, turned  # noqa: E402
+from formation.agent.simulated.simulated import World as Hosted  # noqa: E402
+from tests.support.physics_worlds import (  # noqa: E402
+    PAIR,
+    SIX,
+    InPhysics,
+    at_random,
+    beside_its_slots,
+    drive,
+    placed,
+    standing,
+    touching,
+    turned,
+)
 
 LDS = (0j, 1.0 + 0.0j, 360, 3.5)
 MISSIONS = pytest.mark.parametrize(("mission", "name"), [(PAIR, "robot1"), (SIX, "robot2")])
 
 
 @MISSIONS
-@pytest.mark.parametrize("speed", [0.1, 0.2, -0.1])
-def test_robot_drives_straight_at_commanded_speed(mission: Mission, name: str, speed: float) -> None:
+@pytest.mark.parametrize(
+    ("speed", "turn_rate", "seconds"),
+    [
+        *((speed, 0.0, 5.0) for speed in (0.1, 0.2, -0.1)),
+        *((0.0, turn_rate, 2.0) for turn_rate in (0.5, -1.0)),
+        (0.15, 0.5, math.pi / 0.5),
+    ],
+)
+def test_robot_drives_as_commanded(
+    mission: Mission, name: str, speed: float, turn_rate: float, seconds: float
+) -> None:
     world = World(mission)
-    before = drive(world, 1.0, **{name: (speed, 0.0)})[name]
-    after = drive(world, 5.0)[name]
-    way = (after.position - before.position) * before.heading.conjugate()
-    assert way.real == pytest.approx(5.0 * speed, rel=0.01)
-    assert abs(turned(before, after)) < 0.01
-
-
-@MISSIONS
-@pytest.mark.parametrize("turn_rate", [0.5, -1.0])
-def test_robot_turns_on_the_spot_at_commanded_rate(mission: Mission, name: str, turn_rate: float) -> None:
-    world = World(mission)
-    before = drive(world, 1.0, **{name: (0.0, turn_rate)})[name]
-    after = drive(world, 2.0)[name]
-    assert turned(before, after) == pytest.approx(2.0 * turn_rate, rel=0.01)
-    assert abs(after.position - before.position) < 0.005
-
-
-@MISSIONS
-def test_a_robot_drives_along_the_circle_that_it_is_told(mission: Mission, name: str) -> None:
-    world = World(mission)
-    before = drive(world, 1.0, **{name: (0.15, 0.5)})[name]
-    halfway = drive(world, math.pi / 0.5)[name]
-    assert abs(halfway.position - before.position) == pytest.approx(2 * 0.15 / 0.5, rel=0.01)
+    before = drive(world, 1.0, **{name: (speed, turn_rate)})[name]
+    after = drive(world, seconds)[name]
+    position, heading = advance(before.position, before.heading, speed, turn_rate, seconds)
+    assert abs(cmath.phase(after.heading / heading)) < 0.01
+    assert abs(after.position - position) < max(0.005, 0.01 * abs(position - before.position))
 
 
 @MISSIONS
@@ -190,3 +200,95 @@ def test_scanner_measures_distance_to_post_wall_and_robot() -> None:
     assert ranges[270] == pytest.approx(0.9, abs=0.001)  # to the right: the post
     assert ranges[90] == pytest.approx(1.0 - mission.robots["robot3"].radius, abs=0.001)  # to the left
     assert math.isinf(ranges[180])  # behind: nothing within its range
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mission", "spread"), [(PAIR, 0.4), (SIX, 2.0)])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_truth(
+    mission: Mission, spread: float, seed: int
+) -> None:
+    team = InPhysics(beside_its_slots(mission, seed, spread), seed)
+    team.errors(20.0)
+    errors = team.errors(10.0)
+    assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
+    assert not team.world.touched
+
+
+def test_convoy_finds_its_robots_by_what_stands_at_their_scanners() -> None:
+    fleet = RehearsedFleet("convoy", world="mujoco")
+    fleet.run(6.0)
+    assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mission", "start"), [(SIX, 7), (PAIR, 8)])
+def test_robots_with_mass_that_would_run_into_each_other_keep_apart(mission: Mission, start: int) -> None:
+    avoiding = {name: one.model_copy(update={"avoid": "all"}) for name, one in mission.robots.items()}
+    mission = mission.changed(robots=avoiding)
+    off = mission.model_copy(update={"collisions": mission.collisions.model_copy(update={"mode": "off"})})
+    rash, careful = (InPhysics(at_random(one, 20, 1)[start], start) for one in (off, mission))
+    rash.fleet.run(5.0)
+    assert rash.world.touched
+    careful.fleet.run(15.0)
+    errors = careful.errors(10.0)
+    assert not careful.world.touched
+    assert careful.world.nearest > 0.0
+    assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
+
+
+def test_robots_in_physics_say_the_same_on_the_same_keys() -> None:
+    team = InPhysics(PAIR)
+    kinematic, physics = Hosted(PAIR), team.fleet.world
+    assert physics.publications == kinematic.publications
+    assert physics.subscriptions == kinematic.subscriptions
+    result = [world.step(at(0.0), []) for world in (kinematic, physics)]
+    assert [out.key for out in result[0]] == [out.key for out in result[1]]
+    assert [len(out.payload) for out in result[0]] == [len(out.payload) for out in result[1]]
+    odometry = [decode(Odometry, out[0].payload) for out in result]
+    assert odometry[0].frame == odometry[1].frame == "odom"
+
+
+def test_wire_command_moves_robot_and_odometry_drifts() -> None:
+    team = InPhysics(PAIR)
+    hosted, outbox = team.fleet.world, []
+    command = Sample("robot1/cmd_vel", encode(TwistStamped(EPOCH, 0.1, 0.3)), None, 0.0)
+    for number in range(501):
+        outbox += hosted.step(at(0.01 * number), [command] if number == 0 else [])
+    odometry = decode(Odometry, [out.payload for out in outbox if out.key == "robot1/odom"][-1])
+    truth = decode(Pose, [out.payload for out in outbox if out.key == "robot1/ground_truth"][-1])
+    start = PAIR.robots["robot1"].start
+    counted = start.position + odometry.position * start.heading
+    assert odometry.speed == pytest.approx(0.1, rel=0.02)
+    assert abs(truth.position - start.position) > 0.2
+    assert 0.0 < abs(truth.position - counted) < 0.02
+
+
+def test_a_camera_above_sees_the_truth() -> None:
+    text, name = read("turtlebot3_pair")
+    mission = parse(text.replace('odometry_frame = "start"', 'localisation = "external"'), name)
+    team = InPhysics(mission)
+    outbox = team.fleet.world.step(at(0.0), [])
+    seen = decode(Pose, next(out.payload for out in outbox if out.key == "robot1/pose"))
+    assert seen.position == pytest.approx(mission.robots["robot1"].start.position, abs=1e-3)
+
+
+def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:
+    world = World(PAIR)
+    hosted = InPhysics(PAIR).fleet.world
+    hosted.step(at(0.0), [])
+    hosted.step(at(3600.0), [])
+    assert hosted.plant("robot1").position == pytest.approx(world.states["robot1"].position, abs=1e-3)
+
+
+def test_wire_scan_contains_obstacles_of_physics_world() -> None:
+    text, name = read("six_robots")
+    text = text.replace("[robot]", '[robot]\nscanner = "optional"', 1)
+    mission = standing(parse(text, name), posts=[(-1.5 + 3.0j, 0.1)])  # robot2 at -1.5 + 2j faces it
+    hosted, result = InPhysics(mission).fleet.world, []
+    for number in range(30):
+        result += hosted.step(at(0.01 * number), [])
+    assert {key for _, key in hosted.publications} == {key for _, key in Hosted(mission).publications}
+    scan = next(decode(LaserScan, out.payload) for out in result if out.key == "robot2/scan")
+    assert scan.ranges[0] == pytest.approx(0.9, abs=0.1)  # noise
+    assert scan.ranges[180] == 0.0  # nothing there
