@@ -48,14 +48,6 @@ def test_wheels_follow_a_command_exponentially() -> None:
     assert one.moving == (1.0, -0.5)
 
 
-def test_straight_line_lag_costs_time_constant_times_speed() -> None:
-    one = plant(Body(lag=0.2))
-    drive(one, 1.0, 0.0, 10.0)
-    assert one.position == pytest.approx(10.0 - 0.2)
-    drive(one, 0.0, 0.0, 10.0)
-    assert one.position == pytest.approx(10.0)
-
-
 def test_pose_integrates_unicycle_while_wheel_speed_changes() -> None:
     one, lag, end, steps = plant(Body(lag=0.15), heading=1j), 0.15, 0.7, 200_000
     drive(one, 1.2, -1.5, end)

@@ -48,11 +48,6 @@ def test_each_robot_with_a_scanner_says_its_scans_at_its_rate() -> None:
     assert {keys.count(f"{name}/scan") for name in world.robots} == {10}
 
 
-def test_without_scanners_nothing_is_scanned() -> None:
-    world = World(load("six_robots"))
-    assert not [key for _, key in world.publications if key.endswith("scan")]
-
-
 def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
     there = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
     there += "[[simulation.walls]]\nbegin = [-4.0, 2.5]\nend = [-1.6, 2.5]"
