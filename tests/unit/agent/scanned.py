@@ -40,6 +40,19 @@ def post(distance: float) -> list[float]:
     return [distance, *[math.inf] * 359]
 
 
+def from_wall(here: complex, begin: complex, end: complex) -> float:
+    """Distance from a wall [m]."""
+    along = ((here - begin) / (end - begin)).real
+    return abs(here - begin - min(max(along, 0.0), 1.0) * (end - begin))
+
+
+def scanner_after(ranges: Sequence[float], stamp: float = 0.0, scanning: str = "") -> Scanner:
+    """A scanner at rest, of which the mission says `scanning`, after one scan."""
+    scanner = Scanner(mission(scan=scanning), "robot2")
+    scanner.process_scan(scan(stamp, ranges), stamp, at(stamp))
+    return scanner
+
+
 class Robot:
     """A disc with a scanner and an agent's view of it, among posts and walls.
 
@@ -99,11 +112,7 @@ class Robot:
     def gaps(self) -> list[float]:
         """How far body and things are apart."""
         gaps = [abs(centre - self.position) - radius - RADIUS for centre, radius in self.discs]
-        for begin, end in self.walls:
-            along = (self.position - begin) / (end - begin)
-            foot = begin + min(max(along.real, 0.0), 1.0) * (end - begin)
-            gaps.append(abs(foot - self.position) - RADIUS)
-        return gaps
+        return gaps + [from_wall(self.position, *wall) - RADIUS for wall in self.walls]
 
     def look(self) -> LaserScan:
         sits = self.position - self._behind * self.heading

@@ -23,9 +23,9 @@ from formation.topics import ODOM, SCAN
 from formation.wire import Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet, at
-from tests.support.meddling import Meddle, altered, on
+from tests.support.meddling import altered, on
 from tests.support.missions import team
-from tests.unit.agent.scanned import Robot, mission, post, scan
+from tests.unit.agent.scanned import Robot, mission, post, scan, scanner_after
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]
@@ -38,22 +38,18 @@ def before_a_wall(scanner: str, seconds: float) -> Fleet:
     return Fleet.under_way(with_mode(among(team(ALONE, None, scanner=scanner), ACROSS), "off"), seconds)
 
 
-# Odometry that says what cannot be
-
-
 def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
     """One odometry message of that speed [m/s], after which so many scans are lost."""
     left = {OWN: 1, KEY: lost}
 
     def meddle(sample: Sample) -> Iterable[Sample]:
-        if sample.key == OWN and left[OWN]:
-            left[OWN] = 0
-            wrong = dataclasses.replace(decode(Odometry, sample.payload), speed=speed)
-            return (sample._replace(payload=encode(wrong)),)
-        if sample.key == KEY and left[KEY] and not left[OWN]:
-            left[KEY] -= 1
+        if not left.get(sample.key) or (sample.key == KEY and left[OWN]):
+            return (sample,)
+        left[sample.key] -= 1
+        if sample.key == KEY:
             return ()
-        return (sample,)
+        wrong = dataclasses.replace(decode(Odometry, sample.payload), speed=speed)
+        return (sample._replace(payload=encode(wrong)),)
 
     return meddle
 
@@ -88,15 +84,11 @@ def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
 
 
 def test_a_turn_that_cannot_be_is_no_motion_either() -> None:
-    scanner = Scanner(mission(), "robot2")
-    scanner.process_scan(scan(0.0, post(1.0)), 0.0, at(0.0))
+    scanner = scanner_after(post(1.0))
     scanner.moved(0.05, Command(0.0, 60.0))
     (circle,) = scanner.strangers(at(0.1), [])
     assert circle.at == pytest.approx(1.0)
     assert scanner.doubt == Reason.of(Code.SCAN_UNPLACED, speed=0.0, turn_rate=60.0)
-
-
-# Scanners that are slow, whose scans count for long
 
 
 @pytest.mark.parametrize("speed", [1.5, *slow(0.5, 1.0)])
@@ -119,18 +111,11 @@ def test_motion_history_is_limited_to_needed_duration() -> None:
         assert 0.0 <= len(scanner.state.moves) - longest / 0.05 <= 3.0
 
 
-# Scans that are late, or whose clock is wrong
-
-
-def late(way: float) -> Meddle:
-    return on(KEY, lambda sample: (sample._replace(arrived=sample.arrived + way),))
-
-
 @pytest.mark.parametrize("scanner", ["required", "optional"])
 @pytest.mark.parametrize("way", [0.5, 0.7, *slow(1.0)])
 def test_late_scans_never_let_robot_touch_wall(way: float, scanner: str) -> None:
     fleet = before_a_wall(scanner, 0.0)
-    fleet.meddle = late(way)
+    fleet.meddle = on(KEY, lambda sample: (sample._replace(arrived=sample.arrived + way),))
     assert room(fleet, 14.0) > 0.0
     result = fleet.status("robot1")
     if scanner == "optional":
@@ -148,9 +133,6 @@ def test_robot_with_a_fast_scanner_clock_holds() -> None:
     assert scanner.doubt is None
     scanner.process_scan(scan(1.5, post(1.0)), 1.2, at(1.2))
     assert str(scanner.doubt) == "range scan stamped 0.30 s after it came, must be 0.1 s at most"
-
-
-# Scanners that are blind to what is near
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.5])
@@ -194,9 +176,6 @@ def test_blind_scanner_holds_if_required_and_warns_otherwise(scanner: str, state
     assert message.count("range scan has range_min 0.5 m: this robot needs at most 0.15 m") == 1
 
 
-# Scans whose beams are of many moments
-
-
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 @pytest.mark.parametrize("newest_first", [False, True])
 @pytest.mark.parametrize("stamped", ["first", "last"])
@@ -215,9 +194,6 @@ def test_sweep_is_undone_for_any_stamp_and_direction(stamped: str, newest_first:
         (circle,) = scanner.strangers(at(0.65), [])
         there = cmath.rect(1.0, math.radians(beam) - turn * (0.65 - seen))
         assert abs(cmath.phase(circle.at / there)) < 0.03
-
-
-# Scans that are repeated with new stamps
 
 
 def repeat(
@@ -293,11 +269,8 @@ def test_old_scans_sent_in_turn_are_doubted(count: int) -> None:
 def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
     text, name = read("posts")
     world = parse(text.replace(NOISY, EXACT) if exact else text, name)
-    fleet = Fleet(
-        world,
-        plants=with_faults(kinematic, [Fault(one, "scan_frozen", 0.0, 3.0, 8.0) for one in world.followers]),
-    )
-    fleet.run(4.0)
+    faults = [Fault(one, "scan_frozen", 0.0, 3.0, 8.0) for one in world.followers]
+    fleet = Fleet(world, plants=with_faults(kinematic, faults)).after(4.0)
     before = {one: fleet.plant(one).path for one in world.followers}
     fleet.run(6.5)
     for one in world.followers:
@@ -305,9 +278,6 @@ def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
         assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
     fleet.run(2.0)
     assert fleet.states == {AgentState.RUN}
-
-
-# Scans that do not show enough
 
 
 def seeing(robot: str = "required", **changes: Any) -> Scanner:
@@ -339,12 +309,12 @@ def test_required_scan_must_show_what_is_ahead(first: float, last: float) -> Non
 @pytest.mark.parametrize("speed", [0.3, -0.3])
 def test_robot_drives_only_where_its_scanner_looks(view: float, speed: float) -> None:
     robot = Robot([(math.copysign(2.0, speed) + 0j, 0.01)])
-    look, beams = robot.look, sector(-view, view)
+    look = robot.look
 
     def partial() -> LaserScan:
         whole = look()
-        ranges = [whole.ranges[number % 360] for number in range(-round(view), round(view))]
-        return dataclasses.replace(whole, angle_min=beams["angle_min"], ranges=tuple(ranges))
+        ranges = tuple(whole.ranges[number % 360] for number in range(-round(view), round(view)))
+        return dataclasses.replace(whole, angle_min=-math.radians(view), ranges=ranges)
 
     robot.look = partial  # type: ignore[method-assign]
     robot.drive(Command(speed, 0.0), 15.0)

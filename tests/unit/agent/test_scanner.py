@@ -16,7 +16,7 @@ from formation.ros2.messages import BadMessage
 from formation.sensing.scan import Mate, obstacles
 from tests.support.examples import slow
 from tests.support.fleet import at
-from tests.unit.agent.scanned import MARGIN, Robot, mission, post, scan
+from tests.unit.agent.scanned import MARGIN, Robot, Wall, mission, post, scan, scanner_after
 
 # How fast it may go
 
@@ -24,11 +24,7 @@ from tests.unit.agent.scanned import MARGIN, Robot, mission, post, scan
 @pytest.mark.parametrize("speed", [0.2, 0.7, 1.5, -0.7])
 @pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
 @pytest.mark.parametrize(
-    ("way", "lag"),
-    [
-        (0.1, 0.2),
-        *slow((0.0, 0.0), (0.0, 0.1), (0.0, 0.2), (0.1, 0.0), (0.1, 0.1)),
-    ],
+    ("way", "lag"), [(0.1, 0.2), *slow((0.0, 0.0), (0.0, 0.1), (0.0, 0.2), (0.1, 0.0), (0.1, 0.1))]
 )
 def test_robot_stops_before_obstacles_with_poor_scans(
     speed: float, way: float, odometry: bool, lag: float
@@ -51,11 +47,13 @@ def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int, odome
     assert robot.nearest > 0.0
 
 
-def test_along_a_wall_and_through_a_doorway_it_goes_on() -> None:
-    robot = Robot(walls=[(-1 + 0.25j, 6 + 0.25j)], noise=0.002, relative_noise=0.0)
-    robot.drive(Command(0.3, 0.0), 10.0)
-    assert robot.position.real > 2.5
-    robot = Robot(walls=[(1 - 3j, 1 - 0.3j), (1 + 0.3j, 1 + 3j)], noise=0.002, relative_noise=0.0)
+@pytest.mark.parametrize(
+    "walls",
+    [[(-1 + 0.25j, 6 + 0.25j)], [(1 - 3j, 1 - 0.3j), (1 + 0.3j, 1 + 3j)]],
+    ids=["along a wall", "doorway"],
+)
+def test_robot_goes_on_along_wall_and_through_doorway(walls: list[Wall]) -> None:
+    robot = Robot(walls=walls, noise=0.002, relative_noise=0.0)
     robot.drive(Command(0.3, 0.0), 10.0)
     assert robot.position.real > 2.5
 
@@ -70,14 +68,10 @@ def test_teammate_that_is_avoided_by_message_does_not_slow_it() -> None:
 
 
 def test_moving_teammate_is_recognised_after_scan() -> None:
-    scanner = Scanner(mission(), "robot2")
-    scanner.process_scan(scan(0.0, post(1.0)), 0.0, at(0.0))
+    scanner = scanner_after(post(1.0))
     gone_on = Mate("robot3", 1.1 + 0.3j, 0.1, velocity=1j)
     assert scanner.strangers(at(0.3), [gone_on]) == []
     assert scanner.strangers(at(0.3), [gone_on._replace(velocity=0j)])
-
-
-# Where things are
 
 
 def test_what_stands_stays_where_it_is_while_the_robot_goes_on() -> None:
@@ -90,9 +84,8 @@ def test_what_stands_stays_where_it_is_while_the_robot_goes_on() -> None:
 
 def test_a_swept_scan_is_put_where_its_last_beam_was() -> None:
     scanner = Scanner(mission(), "robot2")
-    turning = Command(0.0, 1.0)
     for moment in (0.0, 0.1, 0.2, 0.3):
-        scanner.moved(moment, turning)
+        scanner.moved(moment, Command(0.0, 1.0))
     scanner.process_scan(scan(0.0, post(1.0), time_increment=0.2 / 359), 0.25, at(0.25))
     (circle,) = scanner.strangers(at(0.25), [])
     assert cmath.phase(circle.at) == pytest.approx(-0.25)  # of the first beam, a quarter of a second ago
@@ -112,8 +105,7 @@ def test_mission_sweep_overrides_time_increment_of_driver() -> None:
 
 
 def test_only_what_is_near_becomes_an_obstacle() -> None:
-    scanner = Scanner(mission(), "robot2")
-    scanner.process_scan(scan(0.0, [1.0, *[math.inf] * 179, 3.4, *[math.inf] * 179]), 0.0, at(0.0))
+    scanner = scanner_after([1.0, *[math.inf] * 179, 3.4, *[math.inf] * 179])
     (one,) = obstacles(scanner.strangers(at(0.0), []), MAX_OBSTACLE_DISTANCE)
     assert one.at == pytest.approx(1.0)
 
@@ -127,17 +119,13 @@ def test_a_circle_knows_what_it_holds_wherever_the_robot_goes() -> None:
     assert all(abs(point - circle.at) <= circle.radius for point in circle.points)
 
 
-# Whether it is from now
-
-
 def test_a_required_scanner_is_missed_and_an_optional_one_is_not() -> None:
     for says, missed in (("required", math.inf), ("optional", 0.0), ("none", 0.0)):
         assert Scanner(mission(says), "robot2").silence(at(5.0)) == missed
 
 
 def test_silent_scanner_is_detected_after_three_periods() -> None:
-    scanner = Scanner(mission(), "robot2")
-    scanner.process_scan(scan(1.0, post(0.5)), 1.0, at(1.0))
+    scanner = scanner_after(post(0.5), 1.0)
     assert scanner.stream.limit == pytest.approx(0.6)
     assert scanner.silence(at(1.5)) == pytest.approx(0.5)
     assert scanner.strangers(at(1.5), [])
@@ -146,14 +134,12 @@ def test_silent_scanner_is_detected_after_three_periods() -> None:
 
 
 def test_a_replayed_scan_is_refused() -> None:
-    scanner = Scanner(mission(), "robot2")
-    scanner.process_scan(scan(1.0, post(0.5)), 1.0, at(1.0))
+    scanner = scanner_after(post(0.5), 1.0)
     with pytest.raises(BadMessage, match="out of step"):
         scanner.process_scan(scan(1.0, post(0.5)), 1.2, at(1.2))
 
 
 def test_the_scanner_sits_where_the_mission_says() -> None:
-    scanner = Scanner(mission(scan=", x = -0.05, y = 0.02, yaw_deg = 90"), "robot2")
-    scanner.process_scan(scan(0.0, post(1.0)), 0.0, at(0.0))
+    scanner = scanner_after(post(1.0), scanning=", x = -0.05, y = 0.02, yaw_deg = 90")
     (circle,) = scanner.strangers(at(0.0), [])
     assert circle.at == pytest.approx(-0.05 + 1.02j)

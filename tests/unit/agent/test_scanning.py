@@ -1,7 +1,8 @@
-"""Robots with range scanners, and what stands about: production cores, a fake clock, a network in memory."""
+"""Robots with range scanners, and what stands about or drives there."""
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 from collections.abc import Iterable, Sequence
@@ -10,13 +11,14 @@ import pytest
 
 from formation.agent.core import Agent
 from formation.control.unicycle import AT_REST
-from formation.mission.file import load
+from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.mission.robot import Post, Wall
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import LaserScan, decode
 from formation.sensing.scan import Circle, Mate
+from formation.stability.analysis import analyse
 from formation.topics import SCAN
 from formation.wire import Now, Sample
 from tests.support.examples import slow
@@ -24,6 +26,7 @@ from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
 from tests.support.missions import team
 from tests.support.mutations import mutated
+from tests.unit.agent.scanned import from_wall
 
 ALONE: dict[str, tuple[str, ...]] = {"robot1": ("leader",)}
 IN_FILE = {"robot1": ("leader",), "robot2": ("leader",)}
@@ -58,17 +61,9 @@ def room(fleet: Fleet, seconds: float) -> float:
             here = fleet.plant(name).position
             others = [(fleet.plant(other).position, size) for other, size in bodies[:number]]
             gaps = [abs(at - here) - size for at, size in (*posts, *others)]
-            gaps += [_from_wall(here, *wall) for wall in walls]
+            gaps += [from_wall(here, *wall) for wall in walls]
             least = min([least, *(gap - radius for gap in gaps)])
     return least
-
-
-def _from_wall(here: complex, begin: complex, end: complex) -> float:
-    along = ((here - begin) / (end - begin)).real
-    return abs(here - begin - min(max(along, 0.0), 1.0) * (end - begin))
-
-
-# Out of the way of what stands about
 
 
 @pytest.mark.parametrize(
@@ -105,13 +100,7 @@ def test_six_robots_pass_posts_and_wall_and_reform(seed: int) -> None:
     assert fleet.error() < mission.settled
 
 
-# Protective zones ask nobody
-
-
-@pytest.mark.parametrize(
-    ("mode", "law"),
-    [*slow(("warn", "field")), ("off", "field"), ("on", "paper")],
-)
+@pytest.mark.parametrize(("mode", "law"), [*slow(("warn", "field")), ("off", "field"), ("on", "paper")])
 def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> None:
     robot = {"scanner": "optional", "localisation": "external", "heading": "measured"}
     fleet = Fleet(with_mode(among(team(ALONE, None, **robot), ACROSS), mode), law=law)
@@ -129,9 +118,6 @@ def test_holding_robot_reports_zone_clear() -> None:
     fleet.run(1.0)
     assert fleet.status("robot1").state == "hold"
     assert fleet.status("robot1").zone == "clear"
-
-
-# Whose scan is silent
 
 
 def test_robot_waits_for_first_required_scan() -> None:
@@ -165,9 +151,6 @@ def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
     fleet.meddle = lost(KEY)
     assert {fleet.status("robot1").state for _ in fleet.every(0.25, 3.0)} == {"run"}
     assert fleet.error() < 0.01
-
-
-# Who is a stranger
 
 
 @pytest.mark.slow
@@ -206,11 +189,7 @@ def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.Monkey
     assert room(fleet, 10.0) > 0.0
 
 
-@pytest.mark.parametrize(
-    "when",
-    [*slow(0.0), 6.0],
-    ids=["from the beginning", "on the way"],
-)
+@pytest.mark.parametrize("when", [*slow(0.0), 6.0], ids=["from the beginning", "on the way"])
 def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     mission = team(IN_FILE, scanner="required", avoid="all")
     in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}
@@ -224,9 +203,6 @@ def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     assert abs(last - fleet.leader.where(fleet.now) + 1.6) < 0.02
 
 
-# What is no scan
-
-
 def test_bad_scans_are_counted_and_change_no_command() -> None:
     """Cut, of the wrong length, with steps that are no number, from the past, by somebody else."""
     mission = among(team(ALONE, scanner="required"), POST)
@@ -237,13 +213,13 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
     def bad(sample: Sample) -> Iterable[Sample]:
         seen.append(sample)
         whole, step = sample.payload, decode(LaserScan, sample.payload)
-        at = whole.index(_single(step.angle_increment))
+        at = whole.index(struct.pack("<f", step.angle_increment))
         count = whole.index(len(step.ranges).to_bytes(4, "little"))
         payloads = [
             whole[:-9],
             whole[:count] + (361).to_bytes(4, "little") + whole[count + 4 :],
-            whole[:at] + _single(float("nan")) + whole[at + 4 :],
-            whole[:at] + _single(0.0) + whole[at + 4 :],
+            whole[:at] + struct.pack("<f", math.nan) + whole[at + 4 :],
+            whole[:at] + struct.pack("<f", 0.0) + whole[at + 4 :],
             b"",
             *(one.payload for one in seen[-9:-1:4]),
         ]
@@ -264,10 +240,6 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
     assert attacked.agents["robot1"].decision.state is AgentState.RUN
 
 
-def _single(number: float) -> bytes:
-    return struct.pack("<f", number)
-
-
 def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
     dice = random.Random(4)
     fleet = Fleet(among(team(ALONE, scanner="required"), POST))
@@ -282,3 +254,70 @@ def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
 def test_agent_subscribes_to_scan_only_with_scanner() -> None:
     assert KEY in Agent(team(ALONE, scanner="optional"), "robot1", "paper").subscriptions
     assert KEY not in Agent(team(ALONE), "robot1").subscriptions
+
+
+TOWER = "seen = { radius = 0.035, x = -0.032 }"
+
+
+def facing(*, mode: str, passes: bool, seen: str = TOWER) -> Mission:
+    """Two Burgers that do not receive each other's positions; one drives towards the front of the other.
+
+    If it `passes`, both change sides; otherwise the other stands, and its slot is beyond.
+    """
+    slot, start = ("[1.0, 0.0]", -1.0) if passes else ("[0.05, 0.0]", 0.0)
+    return parse(
+        f"""
+        name = "facing"
+        leader = "leader"
+        [law]
+        k_p = 2.0
+        k_i = 0.2
+        [robot]
+        control_point_offset = 0.05
+        max_speed = 0.2108
+        max_turn_rate = 2.635
+        radius = 0.105
+        rate = 20
+        scanner = "required"
+        scan = {{ rate = 5, x = -0.032, margin = 0.05 }}
+        {seen}
+        [simulated_robot]
+        profile = "turtlebot3_burger"
+        [collisions]
+        lag = 0.1
+        mode = "{mode}"
+        [shapes.swapped]
+        robot1 = [-1.0, 0.0]
+        robot2 = {slot}
+        [[route]]
+        speed = 0.0
+        heading_deg = 0
+        [robots.leader]
+        start = {{ x = 0.0, y = 3.0 }}
+        [robots.robot1]
+        neighbours = ["leader"]
+        start = {{ x = 1.0, y = 3.0, heading_deg = 180 }}
+        [robots.robot2]
+        neighbours = ["leader"]
+        start = {{ x = {start}, y = 3.0, heading_deg = 0 }}
+        """
+    )
+
+
+def test_robots_pass_bodies_wider_than_what_is_seen() -> None:
+    fleet = Fleet(facing(mode="on", passes=True))
+    assert room(fleet, 20.0) > 0.05
+    assert fleet.error() < 0.03
+
+
+@pytest.mark.parametrize(("seen", "most"), [(TOWER, 0.15), ("", 0.1)], ids=["tower", "body"])
+def test_zone_stops_before_a_body_seen_in_part_or_whole(seen: str, most: float) -> None:
+    fleet = Fleet(facing(mode="off", passes=False, seen=seen))
+    assert 0.04 < room(fleet, 10.0) < most
+    assert fleet.status("robot1").zone == "stop"
+
+
+@pytest.mark.parametrize(("seen", "warns"), [("", True), (TOWER, False)])
+def test_check_warns_of_burgers_whose_scanners_are_not_stated(seen: str, *, warns: bool) -> None:
+    warnings = analyse(facing(mode="on", passes=True, seen=seen)).warnings
+    assert any("seen = { radius = 0.035" in one for one in warnings) == warns
