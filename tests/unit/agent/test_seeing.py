@@ -62,14 +62,6 @@ def test_seeing_robots_keep_true_relative_positions(robots: tuple[str, ...]) -> 
     assert seeing.states == {AgentState.RUN}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("robots", [TRIANGLE, ()], ids=["three", "six"])
-def test_robots_that_trust_odometry_drift_apart(robots: tuple[str, ...]) -> None:
-    """So the test above would fail if robots did not see each other."""
-    trusting = fleet_of(hexagon(simulated=DRIFT, robots=robots, measurement="network")).after(25.0)
-    assert shape_error(trusting) > 0.05
-
-
 def test_robots_stand_until_they_see() -> None:
     fleet = triangle(errors=Errors(lost=1.0)).after(5.0)
     for robot in ("robot3", "robot7"):
