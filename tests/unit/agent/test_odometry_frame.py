@@ -91,7 +91,7 @@ def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, 
     driver.drive()
     assert driver.here.state.jumped
     driver.drive(times=60)
-    assert (driver.here.state.jumped, driver.here.state.jumps) == (None, 1)
+    assert [driver.here.state.jumped, driver.here.state.jumps] == [None, 1]
     assert driver.error < 1e-3
     assert driver.turned < 1e-3
 
