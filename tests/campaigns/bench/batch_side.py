@@ -31,9 +31,8 @@ class Taken(NamedTuple):
     """What a run came to."""
 
     robot_steps: int
-    """Control steps of all robots."""
     seconds: float
-    """Wall time of them, without what was made ready before."""
+    """Wall time of the steps, without what was made ready before."""
 
 
 Run = Callable[[int], Taken]
