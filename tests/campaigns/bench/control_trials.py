@@ -80,22 +80,19 @@ HEADING = 30.0
 """[deg]"""
 
 
-def _around(turn: str) -> dict[str, Any]:
-    """A whole circle of 1 m."""
-    return {"radius": 1.0, "speed": SPEED, "turn": turn, "duration": float(2.0 * np.pi / SPEED)}
-
-
+_CIRCLE: dict[str, Any] = {"radius": 1.0, "speed": SPEED}
+_TURNS = [
+    {**_CIRCLE, "turn": turn, "duration": float(2.0 * np.pi / SPEED)}
+    for turn in ("left", *("right", "left", "right") * 3)
+]
 ROUTES: Mapping[str, Sequence[dict[str, Any]]] = MappingProxyType(
     {
         "line": [{"speed": SPEED, "heading_deg": HEADING}],
-        "circle of 1 m": [{"radius": 1.0, "speed": SPEED, "heading_deg": HEADING}],
+        "circle of 1 m": [{**_CIRCLE, "heading_deg": HEADING}],
         "square of 5 m": [
             {"speed": SPEED, "heading_deg": HEADING + 90.0 * corner, "duration": SIDE} for corner in range(8)
         ],
-        "figure eight, 1 m": [
-            {**_around("left"), "heading_deg": HEADING},
-            *(_around(turn) for turn in ("right", "left", "right") * 3),
-        ],
+        "figure eight, 1 m": [{**_TURNS[0], "heading_deg": HEADING}, *_TURNS[1:]],
     }
 )
 
@@ -158,16 +155,9 @@ class Contender:
     ) -> Result:
         """`runs` starts, the same for every law, for `horizon` [s] times its patience."""
         return simulate(
-            self.of(mission),
-            law=self.law,
-            runs=runs,
-            seed=SEED,
-            options=options,
-            horizon=horizon * self.patience,
-            step=step,
-            starts=starts,
-            keep=keep,
-        )
+            self.of(mission), law=self.law, runs=runs, seed=SEED, options=options, step=step, starts=starts,
+            horizon=horizon * self.patience, keep=keep,
+        )  # fmt: skip
 
 
 FIELD = Contender("field law", "field")
@@ -203,11 +193,10 @@ def first_stay(result: Result) -> FloatArray:
 def _settled(times: FloatArray) -> dict[str, Any]:
     """Share, and quantiles of the time of those that did [s]; None under half."""
     share = float(np.isfinite(times).mean())
-    known = times[np.isfinite(times)]
     names = ("q25", "median", "q75", "p95", "max")
     if share < 0.5:
         return {"share": share, "settling": dict.fromkeys(names)}
-    quantiles = np.percentile(known, (25, 50, 75, 95, 100)).tolist()
+    quantiles = np.percentile(times[np.isfinite(times)], (25, 50, 75, 95, 100)).tolist()
     return {"share": share, "settling": dict(zip(names, quantiles, strict=True))}
 
 

@@ -26,7 +26,7 @@ from formation.mission.model import Mission
 from formation.simulation.body import Body
 from formation.simulation.compiled import compiled
 from formation.simulation.edges import Edges
-from formation.simulation.ensemble import Ensemble, Options, Starts, positions, random_starts
+from formation.simulation.ensemble import Ensemble, Options, positions, random_starts
 from formation.simulation.simulate import DWELL_TIME
 from tests.campaigns.bench.control_trials import HEADING, NEAR_IDENTITY, SPEED, UNAIDED, varied
 from tests.campaigns.bench.yardstick_laws import FOLLOWER, PREDICTIVE
@@ -137,11 +137,6 @@ LAW: Mapping[str, Law] = MappingProxyType(
 )
 
 
-def starts_of(mission: Mission, runs: int, seed: int) -> Starts:
-    """Random starts, the same for every law."""
-    return random_starts(mission, runs, mission.simulation.spread, np.random.default_rng(seed))
-
-
 def edge_errors(
     scenario: Scenario, law: Law, gains: Mapping[str, float], runs: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -152,8 +147,9 @@ def edge_errors(
     given = scenario.build()
     driven = law.mission(given, gains)
     steps = STRIDE * (round(scenario.horizon / STEP) // STRIDE)
+    starts = random_starts(given, runs, given.simulation.spread, np.random.default_rng(seed))
     ensemble = Ensemble(
-        driven, law.controller, scenario.options, starts_of(given, runs, seed), STEP,
+        driven, law.controller, scenario.options, starts, STEP,
         np.random.default_rng(seed + 1000), steps, steps,
     )  # fmt: skip
     offset, points = ensemble.robots["offset"], []
@@ -166,13 +162,10 @@ def edge_errors(
     slots, edges, own = np.array(given.slots()), Edges(given.graph), Edges(driven.graph)
     displaced = np.abs(edges.along_edges(all_points) - edges.along_edges(slots))
     distant = np.abs(np.abs(own.along_edges(all_points)) - np.abs(own.along_edges(slots)))
-    return bounded(displaced), bounded(distant)
-
-
-def bounded(errors: FloatArray) -> FloatArray:
-    """Errors [m] without the infinite ones of a run that overflowed."""
-    cut: FloatArray = np.nan_to_num(errors, nan=MAX_ERROR).clip(max=MAX_ERROR)
-    return cut
+    displaced, distant = (
+        np.nan_to_num(one, nan=MAX_ERROR).clip(max=MAX_ERROR) for one in (displaced, distant)
+    )
+    return displaced, distant
 
 
 def figures(displaced: FloatArray, distant: FloatArray) -> dict[str, Any]:
