@@ -47,9 +47,12 @@ def main(plan: dict[str, Any]) -> None:
             for publisher in repeats:
                 publisher.put(sample.payload)
 
+        def ignore(_sample: zenoh.Sample) -> None:
+            pass
+
         sides["robot"].declare_subscriber(plan["answer_to"], zenoh.handlers.Callback(answer, indirect=False))
         for key in plan["hears"]:
-            sides["fleet"].declare_subscriber(key, zenoh.handlers.Callback(lambda _: None, indirect=False))
+            sides["fleet"].declare_subscriber(key, zenoh.handlers.Callback(ignore, indirect=False))
         while os.getppid() == parent:
             for publisher, payload, attachment in beside:
                 publisher.put(payload, attachment=attachment)

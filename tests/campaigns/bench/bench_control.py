@@ -79,16 +79,12 @@ def laws(effort: Effort) -> Any:
 def convergence(effort: Effort) -> Any:
     """The field law from very many starts, also behind a leader at 95 % of the followers' top speed."""
     limit = trials.six_robots().robots["robot2"].max_speed
-    cases = {
-        "leader at 13 % of u_max": (0.2, 30.0, 0.02),
-        "leader at 95 % of u_max": (0.95 * limit, 150.0, 0.05),
-    }
-    return {
-        name: trials.figures(
-            trials.FIELD.drive(trials.six_robots(leader_speed=speed), effort.many, horizon, step=step)
-        )
-        for name, (speed, horizon, step) in cases.items()
-    }
+    found = {}
+    for percent, speed, horizon, step in ((13, 0.2, 30.0, 0.02), (95, 0.95 * limit, 150.0, 0.05)):
+        mission = trials.six_robots(leader_speed=speed)
+        result = trials.FIELD.drive(mission, effort.many, horizon, step=step)
+        found[f"leader at {percent} % of u_max"] = trials.figures(result)
+    return found
 
 
 def on_routes(effort: Effort) -> Any:
@@ -142,7 +138,7 @@ def _steps(mission: Mission, runs: int) -> Any:
 def saturation(effort: Effort) -> Any:
     """Both laws behind faster and faster leaders: share, settling and mean rate of convergence."""
     limit = trials.six_robots().robots["robot2"].max_speed
-    found = {}
+    found, both = {}, (trials.FIELD, trials.PAPER)
     for ratio in RATIOS[:: effort.every]:
         mission = trials.six_robots(leader_speed=limit / ratio)
         starts = trials.drawn(mission, effort.runs, trials.SEED)
@@ -150,11 +146,8 @@ def saturation(effort: Effort) -> Any:
         horizon = 20.0 + 8.0 / pace
         found[str(ratio)] = {
             "bound": _percentiles(lower_bound.by_body(mission, starts, step=0.05 if ratio < 2.0 else 0.02)),
-            "horizon": {one.name: one.patience * horizon for one in (trials.FIELD, trials.PAPER)},
-            **{
-                one.name: _with_rate(one.drive(mission, effort.runs, horizon))
-                for one in (trials.FIELD, trials.PAPER)
-            },
+            "horizon": {one.name: one.patience * horizon for one in both},
+            **{one.name: _with_rate(one.drive(mission, effort.runs, horizon)) for one in both},
         }
     return found
 
@@ -163,10 +156,9 @@ def _with_rate(result: Result) -> Any:
     """Figures and the rate at which the error fell from the first to the bound, on average [1/s]."""
     rates = np.log(result.error[0] / result.settled) / result.settling_time
     settled = trials.figures(result)
-    quartiles = (
-        np.percentile(rates[np.isfinite(rates)], QUARTILES).tolist() if settled["share"] >= 0.5 else None
-    )
-    return {**settled, "rate": quartiles}
+    if settled["share"] < 0.5:
+        return {**settled, "rate": None}
+    return {**settled, "rate": np.percentile(rates[np.isfinite(rates)], QUARTILES).tolist()}
 
 
 def _curve(result: Result, moments: FloatArray) -> Any:

@@ -177,17 +177,19 @@ def figures(result: Result) -> dict[str, Any]:
 
 def figures_of_stays(result: Result) -> dict[str, Any]:
     """The same with lasting disturbances: settled is under the bound for `DWELL_TIME` in a row."""
-    return {"runs": len(result.converged), **_settled(first_stay(result)), **_remaining(result)}
+    return {
+        "runs": len(result.converged),
+        **_settled(first_stay(result.error, result.time, result.settled)),
+        **_remaining(result),
+    }
 
 
-def first_stay(result: Result) -> FloatArray:
-    """When each run first went under the bound for at least `DWELL_TIME` [s], NaN where never; shape (R,)."""
-    moments, runs = result.error.shape
-    long = max(1, round(DWELL_TIME / (result.time[1] - result.time[0])))
-    under = np.cumsum(np.vstack([np.zeros(runs), result.error < result.settled]), axis=0)
+def first_stay(error: FloatArray, time: FloatArray, bound: float) -> FloatArray:
+    """When each run's error (T, R) first went under `bound` for `DWELL_TIME` [s] or more, NaN where never."""
+    long = max(1, round(DWELL_TIME / (time[1] - time[0])))
+    under = np.cumsum(np.vstack([np.zeros(error.shape[1]), error < bound]), axis=0)
     stays = under[long:] - under[:-long] == long
-    first = result.time[: moments - long + 1][stays.argmax(axis=0)]
-    return np.where(stays.any(axis=0), first, np.nan)
+    return np.where(stays.any(axis=0), time[stays.argmax(axis=0)], np.nan)
 
 
 def _settled(times: FloatArray) -> dict[str, Any]:

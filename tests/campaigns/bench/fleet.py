@@ -175,7 +175,7 @@ def trials(
     """
     if shutil.which(LISTING[0]) is None:
         raise SystemExit(f"needs {LISTING[0]}, which counts what goes over each link: apt install iproute2")
-    found = []
+    found: list[dict[tuple[int, Architecture], Outcome]] = []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(rounds):
             found.append({})

@@ -43,7 +43,7 @@ APART = 0.11
 def measured(name: str, law: Law, starts: int, tuning_starts: int) -> dict[str, Any]:
     """One law, with the best of its gains, in all scenarios."""
     began = time.perf_counter()
-    tried = []
+    tried: list[dict[str, Any]] = []
     for values in itertools.product(*law.tried.values()):
         gains = dict(zip(law.tried, values, strict=True))
         found = cells(law, gains, trials.TUNED_ON, tuning_starts, trials.TUNING_SEED)

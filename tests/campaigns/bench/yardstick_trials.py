@@ -27,8 +27,7 @@ from formation.simulation.body import Body
 from formation.simulation.compiled import compiled
 from formation.simulation.edges import Edges
 from formation.simulation.ensemble import Ensemble, Options, positions, random_starts
-from formation.simulation.simulate import DWELL_TIME
-from tests.campaigns.bench.control_trials import HEADING, NEAR_IDENTITY, SPEED, UNAIDED, varied
+from tests.campaigns.bench.control_trials import HEADING, NEAR_IDENTITY, SPEED, UNAIDED, first_stay, varied
 from tests.campaigns.bench.yardstick_laws import FOLLOWER, PREDICTIVE
 from tests.unit.formation import scenarios
 
@@ -171,7 +170,8 @@ def edge_errors(
 def figures(displaced: FloatArray, distant: FloatArray) -> dict[str, Any]:
     """Figures of one cell, from the `edge_errors` of all runs: medians of the runs [m, s]."""
     third, half = displaced[len(displaced) * 2 // 3 :], displaced[len(displaced) // 2 :]
-    times = settling_times(displaced.max(axis=2))
+    moments = STEP * STRIDE * np.arange(1.0, len(displaced) + 1.0)
+    times = first_stay(displaced.max(axis=2), moments, SETTLED)
     known = times[np.isfinite(times)]
     median, upper = np.percentile(known, (50.0, 95.0)).tolist() if len(known) else (None, None)
     return {
@@ -182,16 +182,6 @@ def figures(displaced: FloatArray, distant: FloatArray) -> dict[str, Any]:
         "median": median,
         "p95": upper,
     }
-
-
-def settling_times(greatest: FloatArray) -> FloatArray:
-    """When each run's greatest error (T, R) first goes under the bound for `DWELL_TIME` [s], NaN if never."""
-    moments, runs = greatest.shape
-    dwell = round(DWELL_TIME / (STEP * STRIDE))
-    count = np.cumsum(np.vstack([np.zeros(runs), greatest < SETTLED]), axis=0)
-    stays = count[dwell:] - count[:-dwell] == dwell
-    first = STEP * STRIDE * (1.0 + stays.argmax(axis=0))
-    return np.where(stays.any(axis=0), first, np.nan) if moments >= dwell else np.full(runs, np.nan)
 
 
 def cost(cells: Mapping[str, Mapping[str, Any]], *, shapeless: bool) -> float:
