@@ -16,7 +16,6 @@ Prints the counts, and each mission that contradicts its certificate, by its see
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections import Counter
@@ -33,7 +32,7 @@ from formation.simulation.simulate import simulate
 from formation.stability import spectrum
 from formation.stability.analysis import analyse
 from tests.campaigns.document import count
-from tests.campaigns.figures import markdown
+from tests.campaigns.figures import markdown, worded
 from tests.campaigns.safety.part import reported
 from tests.unit.formation import scenarios
 from tests.unit.formation.scenarios import IDEAL, edge_errors
@@ -144,8 +143,7 @@ def table(found: Sequence[Outcome]) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Try, and print; 1 if any mission contradicts its certificate."""
-    flags = argparse.ArgumentParser(prog="python -m tests.campaigns.certificates", description=__doc__)
-    flags.formatter_class = argparse.RawDescriptionHelpFormatter
+    flags = worded(__doc__)
     flags.add_argument("--missions", type=count(10**6), default=10_000, help="whole ones (default: 10000)")
     flags.add_argument("--short", type=count(10**7), default=100_000, help="short ones (default: 100000)")
     flags.add_argument("--jobs", type=count(64), default=2, help="processes side by side (default: 2)")
@@ -158,9 +156,8 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"\n{'short' if short else 'whole'} missions:\n\n{table(found)}")
         if ratios:
             low, middle, high = np.percentile(ratios, (0, 50, 100))
-            print(
-                f"certified over measured error on {len(ratios)} circles: {low:.3f}, {middle:.3f}, {high:.3f}"
-            )
+            circles = f"certified over measured error on {len(ratios)} circles"
+            print(f"{circles}: {low:.3f}, {middle:.3f}, {high:.3f}")
     for one in every:
         if not one.holds:
             print(f"seed {one.seed}: {one.found}, ratio {one.ratio:.3f}")

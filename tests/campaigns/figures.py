@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import operator
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,19 +35,48 @@ def rounded(tree: Any) -> Any:
     return float(f"{tree:.5g}") if isinstance(tree, float) else tree
 
 
-def span(figure: dict[str, float], digits: int, unit: str = "") -> str:
+def at(tree: Any, path: str) -> Any:
+    """What a tree of dicts has at a path such as ``ratio/cost to copy``; None where a key is missing."""
+    for key in path.split("/"):
+        tree = (tree or {}).get(key)
+    return tree
+
+
+def span(figure: dict[str, float], digits: int, unit: str = "", scale: float = 1.0) -> str:
     """A figure `over_rounds`, as a table has it: ``2.41× (2.30–2.55)``."""
-    return (
-        f"{figure['median']:.{digits}f}{unit} ({figure['low']:.{digits}f}–{figure['high']:.{digits}f})"
-        if figure["low"] != figure["high"]
-        else f"{figure['median']:.{digits}f}{unit}"
-    )
+    median, low, high = (scale * figure[key] for key in ("median", "low", "high"))
+    rounds = f" ({low:.{digits}f}–{high:.{digits}f})" if low != high else ""
+    return f"{median:.{digits}f}{unit}{rounds}"
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table; the first column is text, the others are numbers."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+class Column(NamedTuple):
+    """A column of figures `over_rounds`."""
+
+    head: str
+    path: str
+    digits: int
+    unit: str = ""
+    spread: bool = True
+    """Whether the lowest and the highest round are shown."""
+
+    def cell(self, tree: Any) -> str:
+        """What this column has of one row."""
+        figure = at(tree, self.path)
+        if self.spread:
+            return span(figure, self.digits, self.unit)
+        return f"{figure['median']:.{self.digits}f}{self.unit}"
+
+
+def table(first: str, rows: Mapping[str, Any], columns: Sequence[Column]) -> str:
+    """A table of figures `over_rounds`, by the name of each row."""
+    header = [first, *(column.head for column in columns)]
+    return markdown(header, [[name, *(column.cell(one) for column in columns)] for name, one in rows.items()])
 
 
 def verdict(met: bool) -> str:
@@ -63,27 +92,59 @@ def judged(rows: Iterable[tuple[str, str, str, bool | None]]) -> str:
     )
 
 
-def flags(description: str | None) -> argparse.ArgumentParser:
+class Bar(NamedTuple):
+    """What the median of a figure is to come to."""
+
+    what: str
+    path: str
+    sign: str
+    """``≤``, ``<`` or ``≥`` the bound."""
+    bound: float
+    digits: int
+    unit: str
+    scale: float = 1.0
+
+    def row(self, found: Any) -> tuple[str, str, str, bool | None]:
+        """What `judged` shows of it."""
+        figure, wanted = at(found, self.path), f"{self.sign} {self.bound:g}{self.unit}"
+        if not figure:
+            return self.what, "not measured", wanted, None
+        holds = {"≤": operator.le, "<": operator.lt, "≥": operator.ge}[self.sign]
+        met: bool = holds(self.scale * figure["median"], self.bound)
+        return self.what, span(figure, self.digits, self.unit, self.scale), wanted, met
+
+
+def flags(description: str | None, rounds: int = 5) -> argparse.ArgumentParser:
     """The flags of every benchmark."""
-    parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=5)
+    parser = worded(description)
+    parser.add_argument("--rounds", type=int, default=rounds)
+    parser.add_argument("--quick", action="store_true", help="one short round; the figures mean little")
     parser.add_argument("--json", action="store_true", help="figures for programs, not for people")
     return parser
 
 
+def worded(description: str | None) -> argparse.ArgumentParser:
+    """A parser whose help is a module's docstring as it stands."""
+    return argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+
+
+def command(
+    description: str | None,
+    measure: Callable[..., Any],
+    section: Callable[[Any], str],
+    rounds: int = 5,
+    **quick: Any,
+) -> None:
+    """Measure so many rounds and print what was found; a quick one is measured with the arguments `quick`."""
+    given = flags(description, rounds).parse_args()
+    found = measure(1, **quick) if given.quick else measure(given.rounds)
+    show(found, section, as_json=given.json)
+
+
 def filled(*words: str) -> str:
     return fill(" ".join(" ".join(words).split()), 110, break_on_hyphens=False) + "\n"
-
-
-def curve_flags(description: str | None, rounds: int) -> argparse.ArgumentParser:
-    """The flags of a benchmark that draws curves and has a short form of its own."""
-    parser = flags(description)
-    parser.set_defaults(rounds=rounds)
-    parser.add_argument("--quick", action="store_true", help="one short round; the figures mean little")
-    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="put its curves there, as SVG")
-    return parser
 
 
 def progress(words: str) -> None:

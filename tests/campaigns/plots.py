@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
+from tests.campaigns.figures import at
+
 INK, FAINT = "#808080", "#80808040"
 BLUE, ORANGE, GREEN = "#2f87d6", "#d9722e", "#3f9c6b"
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "reliability",
     "font.size": 10,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK),
     "grid.color": FAINT,
     "axes.grid": True,
     "axes.spines.top": False,
@@ -33,11 +31,7 @@ PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 @contextmanager
 def panels(
-    path: Path,
-    count: int,
-    size: tuple[float, float] = (8.0, 3.4),
-    style: Any = STYLE,
-    **options: Any,
+    path: Path, count: int, size: tuple[float, float] = (8.0, 3.4), style: Any = STYLE, **options: Any
 ) -> Iterator[Sequence[Axes]]:
     """So many panels side by side, as `Figure.subplots` makes them, saved at the end."""
     with mpl.rc_context({**STYLE, **style}):
@@ -50,15 +44,15 @@ def panels(
 def curve(
     axes: Axes,
     places: Sequence[float],
-    figures: Sequence[dict[str, float]],
+    rows: Iterable[Any],
+    path: str,
     label: str,
     colour: str,
     line: str = "-",
 ) -> None:
-    """One curve of figures `over_rounds`: medians, from the lowest to the highest round shaded."""
-    style: Any = {"color": colour, "linewidth": 1.5, "markersize": 4.0}
-    axes.plot(places, [one["median"] for one in figures], f"o{line}", label=label, **style)
-    low, high = ([one[end] for one in figures] for end in ("low", "high"))
+    """One curve of the figures `over_rounds` at a path of each row, from lowest to highest round shaded."""
+    middle, low, high = ([at(row, path)[key] for row in rows] for key in ("median", "low", "high"))
+    axes.plot(places, middle, f"o{line}", label=label, color=colour, linewidth=1.5, markersize=4.0)
     axes.fill_between(places, low, high, color=colour, alpha=0.15, linewidth=0.0)
 
 
@@ -82,5 +76,11 @@ def milliseconds(axes: Axes, label: str) -> None:
 
 def legend(axes: Axes, columns: int) -> None:
     """What is what, above the panel, where no curve is."""
-    place: Any = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-    axes.legend(frameon=False, fontsize=8, ncols=columns, handlelength=3.0, **place)
+    axes.legend(
+        frameon=False,
+        fontsize=8,
+        ncols=columns,
+        handlelength=3.0,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+    )

@@ -9,84 +9,57 @@ that should have nothing else to do.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
 
-from tests.campaigns.bench import (
-    bench_agent,
-    bench_batch,
-    bench_central,
-    bench_control,
-    bench_cost,
-    bench_law,
-    bench_monitor,
-    bench_signing,
-    bench_startup,
-    bench_step,
-    control_curves,
-)
 from tests.campaigns.document import DOCS, head, one_of, section, stamp, update
+from tests.campaigns.figures import progress, worded
 
-JSON, TEXT = "benchmarks.json", "benchmarks.md"
 HEAD = """\
 Figures are medians over rounds, in brackets the lowest and the highest round. On another machine the
 milliseconds will differ; compare the ratios, whose two sides come from the same rounds.
 """
-
-
-class Part(NamedTuple):
-    """One benchmark."""
-
-    title: str
-    module: Any
-    quick: tuple[str, ...] = ("--quick",)
-    draw: Callable[[Any, Path], None] | None = None
-    """Puts its curves into a folder."""
-
-
 PARTS = {
-    "agent": Part("The edge: one agent", bench_agent, draw=bench_agent.draw),
-    "step": Part("One step of an agent", bench_step, ("--rounds", "1")),
-    "signing": Part("Signed orders", bench_signing, ("--rounds", "1")),
-    "law": Part("One step of the mathematics", bench_law, ("--rounds", "1")),
-    "central": Part("One node for all robots", bench_central, draw=bench_central.draw),
-    "cost": Part("What a robot costs in a larger fleet", bench_cost, draw=bench_cost.draw),
-    "startup": Part("Starting", bench_startup),
-    "control": Part("How well it drives", bench_control, draw=control_curves.draw),
-    "batch": Part(
-        "The simulation", bench_batch, draw=lambda found, to: bench_batch.draw(found, to / "bench_batch.svg")
-    ),
-    "monitor": Part(
-        "The monitor: a hundred robots",
-        bench_monitor,
-        ("--rounds", "1", "--seconds", "5", "--step-seconds", "5"),
-    ),
+    "agent": "The edge: one agent",
+    "step": "One step of an agent",
+    "signing": "Signed orders",
+    "law": "One step of the mathematics",
+    "central": "One node for all robots",
+    "cost": "What a robot costs in a larger fleet",
+    "startup": "Starting",
+    "control": "How well it drives",
+    "batch": "The simulation",
+    "monitor": "The monitor: a hundred robots",
 }
+"""Titles. The module ``bench_NAME`` measures, has a ``section`` and, if it has figures to draw, ``draw``."""
 
 
-def measured(part: Part, more: tuple[str, ...]) -> dict[str, Any]:
+def module(name: str) -> Any:
+    """The module of a part."""
+    return import_module(f"tests.campaigns.bench.bench_{name}")
+
+
+def measured(name: str, more: list[str]) -> dict[str, Any]:
     """What a part finds, with when and where."""
     load, began = os.getloadavg()[0], time.monotonic()
-    command = [sys.executable, "-m", part.module.__name__, "--json", *more]
+    command = [sys.executable, "-m", f"tests.campaigns.bench.bench_{name}", "--json", *more]
     result = subprocess.run(command, check=False, stdout=subprocess.PIPE)
     if result.returncode != 0:
         raise SystemExit(result.returncode)  # why, it has said itself
-    stamped = stamp({"found": json.loads(result.stdout)}, 0, time.monotonic() - began)
-    return {**stamped, "load": load}
+    return {**stamp({"found": json.loads(result.stdout)}, 0, time.monotonic() - began), "load": load}
 
 
 def document(every: Mapping[str, Any]) -> str:
     """docs/benchmarks.md."""
     sections = [
-        section("bench", name, part.title, every[name], part.module.section(every[name]["found"]))
-        for name, part in PARTS.items()
+        section("bench", name, title, every[name], module(name).section(every[name]["found"]))
+        for name, title in PARTS.items()
         if name in every
     ]
     return "\n".join([head("Benchmarks", "benchmarks", HEAD), *sections])
@@ -94,16 +67,9 @@ def document(every: Mapping[str, Any]) -> str:
 
 def main() -> None:
     """Run benchmarks and write what they found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "part",
-        nargs="*",
-        metavar="PART",
-        type=one_of(PARTS),
-        help=f"of {', '.join(PARTS)}; all by default",
-    )
+    parser = worded(__doc__)
+    words = f"of {', '.join(PARTS)}; all by default"
+    parser.add_argument("part", nargs="*", metavar="PART", type=one_of(PARTS), help=words)
     parser.add_argument("--quick", action="store_true", help="short, printed only; the figures mean little")
     parser.add_argument("--peers", metavar="FOLDER", help="the virtual environment of ir-sim, for `batch`")
     parser.add_argument("--robotarium", metavar="CHECKOUT", help="of the Robotarium's simulator, for `batch`")
@@ -111,9 +77,8 @@ def main() -> None:
     peers = [f"--{name}={getattr(given, name)}" for name in ("peers", "robotarium") if getattr(given, name)]
     quick = {}
     for name in given.part or PARTS:
-        print(f"{name} …", file=sys.stderr)
-        part = PARTS[name]
-        one = measured(part, (*(part.quick if given.quick else ()), *(peers if name == "batch" else ())))
+        progress(f"{name} …")
+        one = measured(name, ["--quick"] * given.quick + peers * (name == "batch"))
         if given.quick:
             quick[name] = one
         else:
@@ -124,9 +89,10 @@ def main() -> None:
 
 def write(name: str, one: Mapping[str, Any]) -> None:
     """Put what a part found where the figures are; other parts keep theirs."""
-    if draw := PARTS[name].draw:
+    if draw := getattr(module(name), "draw", None):
         draw(one["found"], DOCS / "figures")
-    (DOCS / TEXT).write_text(document(update(DOCS / JSON, {name: one}, PARTS)))
+    every = update(DOCS / "benchmarks.json", {name: one}, PARTS)
+    (DOCS / "benchmarks.md").write_text(document(every))
 
 
 if __name__ == "__main__":

@@ -18,12 +18,6 @@ from typing import Any
 
 import zenoh
 
-PRIORITY = {
-    "real_time": zenoh.Priority.REAL_TIME,
-    "data": zenoh.Priority.DATA,
-    "background": zenoh.Priority.BACKGROUND,
-}
-
 
 def main(plan: dict[str, Any]) -> None:
     """Do what the plan says until the parent is gone."""
@@ -38,7 +32,7 @@ def main(plan: dict[str, Any]) -> None:
             publisher = sides[row["side"]].declare_publisher(
                 row["key"],
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=PRIORITY[row["priority"]],
+                priority=getattr(zenoh.Priority, row["priority"].upper()),
                 express=row["express"],
             )
             return publisher, bytes.fromhex(row["payload"]), bytes.fromhex(row["attachment"]) or None

@@ -31,9 +31,8 @@ class Taken(NamedTuple):
     """What a run came to."""
 
     robot_steps: int
-    """Control steps of all robots."""
     seconds: float
-    """Wall time of them, without what was made ready before."""
+    """Wall time of the steps, without what was made ready before."""
 
 
 Run = Callable[[int], Taken]
@@ -55,20 +54,21 @@ def measured(name: str, prepare: Callable[[dict[str, Any]], Run]) -> None:
     try:
         run = prepare(plan)
     except RefusedError as refusal:
-        found: dict[str, Any] = {"refused": str(refusal)}
-    else:
-        ready = time.perf_counter()
-        run(FEWEST)
-        first = time.perf_counter()
-        steps, taken = (plan["steps"], run(plan["steps"])) if "steps" in plan else timed(run, plan["seconds"])
-        found = {
-            "robot_steps_per_s": taken.robot_steps / taken.seconds,
-            "steps": float(steps),
-            "ready_s": ready - began,
-            "first_s": first - ready,
-            "peak_mib": peak_mib(),
-        }
-    print(json.dumps({"name": name, **found}))
+        print(json.dumps({"name": name, "refused": str(refusal)}))
+        return
+    ready = time.perf_counter()
+    run(FEWEST)
+    first = time.perf_counter()
+    steps, taken = (plan["steps"], run(plan["steps"])) if "steps" in plan else timed(run, plan["seconds"])
+    found = {
+        "name": name,
+        "robot_steps_per_s": taken.robot_steps / taken.seconds,
+        "steps": float(steps),
+        "ready_s": ready - began,
+        "first_s": first - ready,
+        "peak_mib": peak_mib(),
+    }
+    print(json.dumps(found))
 
 
 def timed(run: Run, seconds: float) -> tuple[int, Taken]:

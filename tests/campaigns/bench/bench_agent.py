@@ -1,7 +1,6 @@
 """What the edge costs: one agent beside Zenoh without an agent, at several rates, in the same rounds.
 
-python -m tests.campaigns.bench.bench_agent [--quick] [--rates HZ,…] [--rounds N] [--seconds S] [--json]
-[--draw FOLDER]
+python -m tests.campaigns.bench.bench_agent [--quick] [--rounds N] [--json]
 
 Three processes take turns, each a third of a period after the other:
 
@@ -18,34 +17,37 @@ as at 50 Hz. A round before, at 50 Hz, replaces the agent by one with stopwatche
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import subprocess
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import psutil
 
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus, BusConfig
 from tests.campaigns.bench import edge
+from tests.campaigns.bench.processes import busy, memory
 from tests.campaigns.bench.scene import ROBOTS, Robots, Scene, Subject
 from tests.campaigns.figures import (
-    curve_flags,
+    Bar,
+    Column,
+    command,
     filled,
     judged,
     markdown,
     over_rounds,
     progress,
-    show,
     span,
     tail,
-)
+)  # fmt: skip
 from tests.campaigns.plots import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
 
 FASTEST = "as fast as it goes"
@@ -55,31 +57,22 @@ JUDGED = "50"
 CURVES = "bench_agent.svg"
 
 
-class Target(NamedTuple):
-    """What a figure is to come to."""
-
-    what: str
-    path: tuple[str, ...]
-    most: float
-    digits: int
-    unit: str
-
-
-TARGETS = (
-    Target("odometry → command, p50, of the echo's", ("ratio", "latency to echo", "p50"), 1.15, 2, "×"),
-    Target("odometry → command, p99, of the echo's", ("ratio", "latency to echo", "p99"), 1.5, 2, "×"),
-    Target("CPU at 50 Hz, of the copy's", ("ratio", "cost to copy", "cpu_percent"), 1.3, 2, "×"),
-    Target("resident memory", ("agent", "cost", "rss_mib"), 48.0, 1, " MiB"),
-    Target("start → first command of the law", ("agent", "start_s", "first motion"), 0.5, 2, " s"),
+BARS = (
+    Bar("odometry → command, p50, of the echo's", "ratio/latency to echo/p50", "≤", 1.15, 2, "×"),
+    Bar("odometry → command, p99, of the echo's", "ratio/latency to echo/p99", "≤", 1.5, 2, "×"),
+    Bar("CPU at 50 Hz, of the copy's", "ratio/cost to copy/cpu_percent", "≤", 1.3, 2, "×"),
+    Bar("resident memory", "agent/cost/rss_mib", "≤", 48.0, 1, " MiB"),
+    Bar("start → first command of the law", "agent/start_s/first motion", "≤", 0.5, 2, " s"),
 )
 SUBJECTS = ("agent", "copy", "echo")
 TAIL = ("p50", "p90", "p99", "max")
+LINES = {"p50": "-", "p99": "--"}
 
 
 def section(found: dict[str, Any]) -> str:
     """The section in Markdown, from what `bench_agent.measure` found."""
     rounds = f"{found['rounds']} rounds of {found['seconds']:g} s"
-    judged = found["rates"].get(JUDGED)
+    at_bar = found["rates"].get(JUDGED)
     who = filled(
         """Three processes take turns in the same run, on loopback: the **agent**
         (`python -m formation.agent`, unmodified, two neighbours with a live order at the same rate, a
@@ -94,9 +87,9 @@ def section(found: dict[str, Any]) -> str:
     return f"""{who}
 ![Latency of agent, copy and echo, and what the agent adds, against the rate of odometry](figures/{CURVES})
 
-{_targets(judged) if judged else ""}
+{judged(bar.row(at_bar) for bar in BARS) if at_bar else ""}
 {_latency(found["rates"])}
-{_cost(judged) if judged else ""}
+{_cost(at_bar) if at_bar else ""}
 {_profile(found)}"""
 
 
@@ -107,15 +100,14 @@ def draw(found: dict[str, Any], folder: Path) -> None:
     marks = ["fastest" if name == FASTEST else name for name in rates]
     with panels(folder / CURVES, 2) as (latency, ratio):
         for subject, colour in zip(SUBJECTS, (BLUE, ORANGE, INK), strict=True):
-            for name, line in (("p50", "-"), ("p99", "--")):
-                took = [one[subject]["latency_ms"][name] for one in rates.values()]
-                curve(latency, places, took, f"{subject}, {name}", colour, line)
-        for name, line in (("p50", "-"), ("p99", "--")):
-            times = [one["ratio"]["latency to echo"][name] for one in rates.values()]
-            curve(ratio, places, times, name, BLUE, line)
-        for target, name, line in zip(TARGETS, ("p50", "p99"), ("-", "--"), strict=False):
+            for name, line in LINES.items():
+                path = f"{subject}/latency_ms/{name}"
+                curve(latency, places, rates.values(), path, f"{subject}, {name}", colour, line)
+        for name, line in LINES.items():
+            curve(ratio, places, rates.values(), f"ratio/latency to echo/{name}", name, BLUE, line)
+        for bar, (name, line) in zip(BARS, LINES.items(), strict=False):
             label = f"{name} wanted at {JUDGED} Hz"
-            ratio.axhline(target.most, color=ORANGE, linewidth=1.0, linestyle=line, label=label)
+            ratio.axhline(bar.bound, color=ORANGE, linewidth=1.0, linestyle=line, label=label)
         milliseconds(latency, "odometry → command [ms]")
         ratio.set_ylabel("agent's of the echo's")
         ratio.set_ylim(bottom=0.0)
@@ -126,17 +118,6 @@ def draw(found: dict[str, Any], folder: Path) -> None:
         legend(ratio, 2)
 
 
-def _targets(found: dict[str, Any]) -> str:
-    rows = []
-    for target in TARGETS:
-        figure: Any = found
-        for step in target.path:
-            figure = figure[step]
-        today, most = span(figure, target.digits, target.unit), f"≤ {target.most:g}{target.unit}"
-        rows.append((target.what, today, most, figure["median"] <= target.most))
-    return judged(rows)
-
-
 def _latency(rates: dict[str, Any]) -> str:
     rows = []
     for rate, one in rates.items():
@@ -144,53 +125,34 @@ def _latency(rates: dict[str, Any]) -> str:
         for subject in SUBJECTS:
             latency, answers = one[subject]["latency_ms"], one[subject]["answers"]
             fast = f", {one[subject]['speed']['answers_per_s']['median']:,.0f}/s" if rate == FASTEST else ""
-            rows.append(
-                (
-                    f"{name}: {subject}{fast}",
-                    *(span(latency[at], 2) for at in TAIL),
-                    f"{answers['lost']['median']:.0f} of {answers['counted']['median']:.0f}",
-                )
-            )
+            lost = f"{answers['lost']['median']:.0f} of {answers['counted']['median']:.0f}"
+            rows.append([f"{name}: {subject}{fast}", *(span(latency[part], 2) for part in TAIL), lost])
         for other in ("echo", "copy"):
             ratio = one["ratio"][f"latency to {other}"]
-            rows.append((f"{name}: agent ÷ {other}", *(span(ratio[at], 2, "×") for at in TAIL), ""))
+            rows.append([f"{name}: agent ÷ {other}", *(span(ratio[part], 2, "×") for part in TAIL), ""])
     return "From `put` of the odometry to the command in the receive callback [ms]:\n\n" + markdown(
         ("", *TAIL, "lost"), rows
     )
 
 
+COSTS = (
+    Column("CPU of one core", "cost/cpu_percent", 1, " %"),
+    Column("RSS [MiB]", "cost/rss_mib", 1),
+    Column("PSS [MiB]", "cost/pss_mib", 1),
+    Column("threads", "cost/threads", 0, spread=False),
+    Column("start → first command [s]", "start_s/first command", 2),
+    Column("→ first that moves [s]", "start_s/first motion", 2),
+)
+
+
 def _cost(found: dict[str, Any]) -> str:
-    rows = []
-    for subject in SUBJECTS:
-        cost, start = found[subject]["cost"], found[subject]["start_s"]
-        rows.append(
-            (
-                subject,
-                span(cost["cpu_percent"], 1, " %"),
-                span(cost["rss_mib"], 1),
-                span(cost["pss_mib"], 1),
-                f"{cost['threads']['median']:.0f}",
-                span(start["first command"], 2),
-                span(start["first motion"], 2),
-            )
-        )
-    ratio = found["ratio"]["cost to copy"]
-    rows.append(
-        (
-            "agent ÷ copy",
-            span(ratio["cpu_percent"], 1, "×"),
-            span(ratio["rss_mib"], 1, "×"),
-            span(ratio["pss_mib"], 1, "×"),
-            f"{ratio['threads']['median']:.1f}×",
-            "",
-            "",
-        )
+    rows = [[subject, *(one.cell(found[subject]) for one in COSTS)] for subject in SUBJECTS]
+    ratio = {"cost": found["ratio"]["cost to copy"]}
+    times = [one._replace(digits=1, unit="×").cell(ratio) for one in COSTS[:4]]
+    header = ["", *(one.head for one in COSTS)]
+    return "What each costs at 50 Hz, traffic to the monitor included:\n\n" + markdown(
+        header, [*rows, ["agent ÷ copy", *times, "", ""]]
     )
-    header = (
-        "", "CPU of one core", "RSS [MiB]", "PSS [MiB]", "threads", "start → first command [s]",
-        "→ first that moves [s]",
-    )  # fmt: skip
-    return "What each costs at 50 Hz, traffic to the monitor included:\n\n" + markdown(header, rows)
 
 
 def _profile(found: dict[str, Any]) -> str:
@@ -212,20 +174,16 @@ RATES = (20.0, 50.0, 200.0, 0.0)
 """Of odometry [Hz]; 0 is as fast as it goes."""
 WARM_UP = 2.0
 """[s]"""
-PARTS = (
-    "odometry to the agent",
-    "wake-up of its main thread",
-    "decode odometry",
-    "observer",
-    "failsafe table",
-    "law",
-    "collision filter",
-    "encode command and sign of life",
-    "encode position and order",
-    "rest of the step",
-    "command to the robot",
-)
-"""Where the time between odometry and command goes, in order."""
+INSIDE = {
+    "decode odometry": ("decode",),
+    "observer": ("observer",),
+    "failsafe table": ("failsafe",),
+    "law": ("law",),
+    "collision filter": ("collision filter",),
+    "encode command and sign of life": ("encode Twist", "encode Number"),
+    "encode position and order": ("encode Pose", "encode Order"),
+}
+"""Parts of a step, and the stopwatches of `profiled_agent` that tell them."""
 
 
 @contextmanager
@@ -253,20 +211,21 @@ Figures = dict[str, dict[str, dict[str, float]]]
 def one_round(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
     """Start all subjects, measure them at the scene's rate for so long and end them."""
     with started(bus, scene, subjects) as robots:
-        before, start = [subject.cpu_time for subject in subjects], time.monotonic()
+        before, start = [busy(subject.pid) for subject in subjects], time.monotonic()
         robots.drive_for(seconds)
-        after, elapsed = [subject.cpu_time for subject in subjects], time.monotonic() - start
-        figures = {}
-        for subject, busy in zip(subjects, np.subtract(after, before).tolist(), strict=True):
-            figures[subject.name] = {
+        after, elapsed = [busy(subject.pid) for subject in subjects], time.monotonic() - start
+        shares = np.subtract(after, before) / elapsed
+        return {
+            subject.name: {
                 **latencies(subject),
-                "cost": {"cpu_percent": 100.0 * busy / elapsed, **subject.cost()},
+                "cost": {"cpu_percent": 100.0 * share, **memory(psutil.Process(subject.pid))},
                 "start_s": {
                     "first command": subject.first - subject.started,
                     "first motion": subject.moving - subject.started,
                 },
             }
-        return figures
+            for subject, share in zip(subjects, shares.tolist(), strict=True)
+        }
 
 
 def one_race(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
@@ -308,11 +267,9 @@ def latencies(subject: Subject) -> dict[str, dict[str, float]]:
 def with_ratios(figures: Figures) -> dict[str, Any]:
     """A round's figures with what the agent takes relative to the others in the same round."""
 
-    def ratio(other: str, kind: str, name: str) -> float:
-        return figures["agent"][kind][name] / figures[other][kind][name]
-
     def ratios(other: str, kind: str) -> dict[str, float]:
-        return {name: ratio(other, kind, name) for name in figures["agent"].get(kind, ())}
+        own, others = figures["agent"].get(kind, {}), figures[other].get(kind, {})
+        return {name: own[name] / others[name] for name in own}
 
     return {
         **figures,
@@ -326,7 +283,7 @@ def with_ratios(figures: Figures) -> dict[str, Any]:
 
 def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
     """The parts of each exchange of the profiled agent [µs]."""
-    parts: dict[str, list[float]] = {part: [] for part in PARTS}
+    parts = defaultdict[str, list[float]](list)
     steps = {step["arrived"]: step for step in profile["steps"] if "sent" in step}
     arrivals = np.array(sorted(steps))
     for sent, answered in agent.exchanges:
@@ -334,15 +291,7 @@ def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
         if index == len(arrivals) or arrivals[index] > answered:
             continue
         step = steps[arrivals[index]]
-        inside = {
-            "decode odometry": step.get("decode", 0.0),
-            "observer": step.get("observer", 0.0),
-            "failsafe table": step.get("failsafe", 0.0),
-            "law": step.get("law", 0.0),
-            "collision filter": step.get("collision filter", 0.0),
-            "encode command and sign of life": step.get("encode Twist", 0.0) + step.get("encode Number", 0.0),
-            "encode position and order": step.get("encode Pose", 0.0) + step.get("encode Order", 0.0),
-        }
+        inside = {part: sum(step.get(name, 0.0) for name in names) for part, names in INSIDE.items()}
         whole = {
             "odometry to the agent": step["arrived"] - sent,
             "wake-up of its main thread": step["begin"] - step["arrived"],
@@ -369,21 +318,17 @@ def profiled(folder: Path, seconds: float) -> dict[str, Any]:
     }
 
 
-def measure(rates: Sequence[float], rounds: int, seconds: float) -> dict[str, Any]:
+def measure(rounds: int, seconds: float = 15.0) -> dict[str, Any]:
     """All figures of the edge at each rate; medians over rounds with their lowest and highest."""
-    found: dict[str, list[dict[str, Any]]] = {f"{rate:g}" if rate else FASTEST: [] for rate in rates}
+    found: dict[str, list[dict[str, Any]]] = {f"{rate:g}" if rate else FASTEST: [] for rate in RATES}
     with tempfile.TemporaryDirectory() as folder:
         progress("where the time goes …")
         profile = profiled(Path(folder), seconds)
         for number in range(rounds):
-            for rate, rounds_at in zip(rates, found.values(), strict=True):
-                progress(
-                    f"round {number + 1} of {rounds}: {f'{rate:g} Hz' if rate else 'as fast as it goes'} …"
-                )
+            for rate, (name, rounds_at) in zip(RATES, found.items(), strict=True):
+                progress(f"round {number + 1} of {rounds}: {name} …")
                 scene = Scene(Path(folder), rate or edge.RATE)
-                subjects = [Subject(who, ROBOTS[who], getattr(scene, who)()) for who in ROBOTS]
-                # nobody is always the first to start
-                subjects = subjects[number % 3 :] + subjects[: number % 3]
+                subjects = scene.subjects(number)
                 with surrounded(scene) as bus:
                     gc.freeze()  # what stands by now needs no more collecting in the middle of a measurement
                     figures = (one_round if rate else one_race)(bus, scene, subjects, seconds)
@@ -392,31 +337,5 @@ def measure(rates: Sequence[float], rounds: int, seconds: float) -> dict[str, An
     return {"rounds": rounds, "seconds": seconds, "rates": rates_found, **profile}
 
 
-def main() -> None:
-    """Print the figures."""
-    parser = curve_flags(__doc__, rounds=3)
-    parser.add_argument(
-        "--rates", type=_rates, default=RATES, metavar="HZ,HZ,…", help="0: as fast as it goes"
-    )
-    parser.add_argument("--seconds", type=float, default=15.0, help="of each round at each rate")
-    given = parser.parse_args()
-    found = measure(given.rates, *((1, 2.0) if given.quick else (given.rounds, given.seconds)))
-    if given.draw:
-        draw(found, given.draw)
-    show(found, section, as_json=given.json)
-
-
-def _rates(text: str) -> tuple[float, ...]:
-    try:
-        rates = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        rates = (-1.0,)
-    if not all(rate == 0.0 or 1.0 <= rate <= 200.0 for rate in rates):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: must be numbers from 1 to 200 [Hz], or 0, such as 20,50,0"
-        )
-    return rates
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section, rounds=3, seconds=2.0)

@@ -10,7 +10,6 @@ process after the other, all on the same one core. All step by the Robotarium's 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -19,14 +18,14 @@ import tempfile
 import tomllib
 import venv
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
-from tests.campaigns.figures import flags, judged, markdown, over_rounds, show, span
+from tests.campaigns.figures import Bar, at, flags, judged, markdown, over_rounds, show, span
 from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 
 GROUP = "bench"
@@ -38,15 +37,10 @@ def interpreter(folder: Path) -> Path:
     python = folder.absolute() / "bin" / "python"
     if not python.exists():
         venv.create(folder, with_pip=True)
-    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*install, *requirements()], check=True)
-    return python
-
-
-def requirements() -> list[str]:
-    """What pyproject.toml asks for on the peers' behalf."""
     pyproject = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
-    return [str(requirement) for requirement in pyproject["dependency-groups"][GROUP]]
+    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, *pyproject["dependency-groups"][GROUP]], check=True)
+    return python
 
 
 OURS, ONE = "formation, many runs", "formation, one formation"
@@ -55,36 +49,27 @@ COMPARED = (OURS, ONE, IR_SIM, ROBOTARIUM)
 """Sides with a column of their own."""
 PAPER, LATE = "paper law", "field law, late and lossy"
 """Many runs, calculated otherwise."""
-FIGURE = "figures/bench_batch.svg"
-"""Beside the document."""
-
-
-class Bar(NamedTuple):
-    """What a figure is to come to."""
-
-    what: str
-    path: tuple[str, ...]
-    bound: float
-    least: bool
-    """Whether the bound is the least, not the most."""
-    scale: float
-    unit: str
-
-
 BARS = (
-    Bar("6 robots, of ir-sim's speed", ("ratio", IR_SIM, "6"), 100.0, True, 1.0, "×"),
-    Bar("6 robots, of the Robotarium's speed", ("ratio", ROBOTARIUM, "6"), 50.0, True, 1.0, "×"),
-    Bar("10,000 robots, speed", (OURS, "10000", "robot_steps_per_s"), 10.0, True, 1e-6, " million/s"),
-    Bar("1,000,000 robots, memory", (OURS, "1000000", "peak_mib"), 2048.0, False, 1.0, " MiB"),
-    Bar("1,000,000 robots, memory over 1,000 steps", ("long", "peak_mib"), 2048.0, False, 1.0, " MiB"),
+    Bar("6 robots, of ir-sim's speed", f"ratio/{IR_SIM}/6", "≥", 100.0, 1, "×"),
+    Bar("6 robots, of the Robotarium's speed", f"ratio/{ROBOTARIUM}/6", "≥", 50.0, 1, "×"),
+    Bar("10,000 robots, speed", f"{OURS}/10000/robot_steps_per_s", "≥", 10.0, 1, " million/s", 1e-6),
+    Bar("1,000,000 robots, memory", f"{OURS}/1000000/peak_mib", "<", 2048.0, 1, " MiB"),
+    Bar("1,000,000 robots, memory over 1,000 steps", "long/peak_mib", "<", 2048.0, 1, " MiB"),
 )
 
 
 def section(found: dict[str, Any]) -> str:
-    """The section in Markdown, from what `bench_batch.measure` found."""
-    parts = (_words(found), _bars(found), f"![Robot steps a second and memory]({FIGURE})\n")
-    tables = (_speeds(found), _memory(found), *_variants(found), _rest(found))
-    return "\n".join((*parts, *tables))
+    """The section in Markdown, from what `measure` found."""
+    parts = (
+        _words(found),
+        judged(bar.row(found) for bar in BARS),
+        "![Robot steps a second and memory](figures/bench_batch.svg)\n",
+        _table(found, "million robot steps a second", "robot_steps_per_s", 1e-6, 3),
+        _memory(found),
+        *_variants(found),
+        _rest(found),
+    )
+    return "\n".join(parts)
 
 
 def _words(found: dict[str, Any]) -> str:
@@ -106,26 +91,6 @@ What the peers leave undone is in their favour. On no side is making ready count
 """
 
 
-def _bars(found: dict[str, Any]) -> str:
-    rows: list[tuple[str, str, str, bool | None]] = []
-    for bar in BARS:
-        figure: Any = found
-        for step in bar.path:
-            figure = figure.get(step, {}) if figure else figure
-        wanted = f"{'≥' if bar.least else '<'} {bar.bound:g}{bar.unit}"
-        if not figure:
-            rows.append((bar.what, "not measured", wanted, None))
-            continue
-        scaled = {key: bar.scale * value for key, value in figure.items()}
-        met = scaled["median"] >= bar.bound if bar.least else scaled["median"] < bar.bound
-        rows.append((bar.what, span(scaled, 1, bar.unit), wanted, met))
-    return judged(rows)
-
-
-def _speeds(found: dict[str, Any]) -> str:
-    return _table(found, "million robot steps a second", "robot_steps_per_s", 1e-6, 3)
-
-
 def _memory(found: dict[str, Any]) -> str:
     table = _table(found, "peak memory of the process [MiB]", "peak_mib", 1.0, 0)
     largest = found[OURS].get("1000000")
@@ -138,26 +103,19 @@ def _memory(found: dict[str, Any]) -> str:
 def _table(found: dict[str, Any], title: str, key: str, scale: float, digits: int) -> str:
     sides = [side for side in COMPARED if side in found]
     sizes = sorted({int(size) for side in sides for size in found[side]})
-
-    def cell(side: str, size: int) -> str:
-        figure = found[side].get(str(size))
-        if figure is None:
-            return ""
-        return span({name: scale * value for name, value in figure[key].items()}, digits)
-
-    rows = [[f"{size:,}", *(cell(side, size) for side in sides)] for size in sizes]
+    figures = [[at(found, f"{side}/{size}/{key}") for side in sides] for size in sizes]
+    rows = [
+        [f"{size:,}", *(span(one, digits, scale=scale) if one else "" for one in row)]
+        for size, row in zip(sizes, figures, strict=True)
+    ]
     return markdown([f"robots; {title}", *sides], rows)
 
 
 def _variants(found: dict[str, Any]) -> tuple[str, ...]:
-    others = {name: found[name] for name in (PAPER, LATE) if name in found}
     rows = [
-        [
-            f"{name}, {int(size):,} robots",
-            span({key: 1e-6 * value for key, value in figure["robot_steps_per_s"].items()}, 2),
-        ]
-        for name, sizes in others.items()
-        for size, figure in sizes.items()
+        [f"{name}, {int(size):,} robots", span(figure["robot_steps_per_s"], 2, scale=1e-6)]
+        for name in (PAPER, LATE)
+        for size, figure in found.get(name, {}).items()
     ]
     return (markdown(["many runs; million robot steps a second", ""], rows),) if rows else ()
 
@@ -184,33 +142,29 @@ LINES = {
 """Colour, stroke and label of each side."""
 
 
-def draw(found: Mapping[str, Any], path: Path) -> None:
+def draw(found: Mapping[str, Any], folder: Path) -> None:
     """Robot steps a second, and memory per robot, against robots."""
-    with panels(path, 2, style={"svg.hashsalt": "bench"}) as (speed, memory):
-        _curves(speed, found, lambda _robots, one: one["robot_steps_per_s"]["median"], below=True)
-        _curves(memory, found, lambda robots, one: 1024.0 * one["peak_mib"]["median"] / robots, below=False)
-        speed.set_ylabel("robot steps a second")
-        memory.set_ylabel("memory of the process per robot [KiB]")
+    with panels(folder / "bench_batch.svg", 2, style={"svg.hashsalt": "bench"}) as (speed, memory):
+        _curves(speed, found, "robot_steps_per_s", "robot steps a second")
+        _curves(memory, found, "peak_mib", "memory of the process per robot [KiB]")
 
 
-def _curves(
-    axes: Axes, found: Mapping[str, Any], height: Callable[[int, Any], float], *, below: bool
-) -> None:
-    """A curve for each side; `below` is whether the label of one formation has its room there, or above."""
-    for side, (colour, stroke, label) in LINES.items():
+def _curves(axes: Axes, found: Mapping[str, Any], key: str, label: str) -> None:
+    """A curve for each side."""
+    for side, (colour, stroke, name) in LINES.items():
         if side not in found:
             continue
         sizes = sorted(int(size) for size in found[side])
-        heights = [height(size, found[side][str(size)]) for size in sizes]
+        heights = [found[side][str(size)][key]["median"] for size in sizes]
+        if key == "peak_mib":
+            heights = [1024.0 * height / size for height, size in zip(heights, sizes, strict=True)]
         axes.plot(sizes, heights, stroke, color=colour, marker="o", markersize=3.0, linewidth=1.5)
-        aside = (5, 0) if side != ONE else (-10, -12) if below else (-10, 12)
+        aside = (5, 0) if side != ONE else (-10, 12) if key == "peak_mib" else (-10, -12)
         axes.annotate(
-            label, (sizes[-1], heights[-1]), aside, textcoords="offset points", color=colour, va="center"
+            name, (sizes[-1], heights[-1]), aside, textcoords="offset points", color=colour, va="center"
         )
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log", xlabel="robots", ylabel=label)
     axes.minorticks_off()
-    axes.set_xlabel("robots")
     axes.margins(x=0.12)
 
 
@@ -274,7 +228,7 @@ def measure(sides: Sequence[Side], rounds: int, seconds: float) -> dict[str, Any
     found: list[dict[str, dict[str, Any]]] = []
     with tempfile.TemporaryDirectory() as folder:
         cache = Path(folder)
-        cold = process(SIDES[0], SIZES[0], cache, seconds=seconds)
+        cold = process(SIDES[0], SIZES[0], cache, seconds=seconds)["first_s"]
         for number in range(rounds):
             one: dict[str, dict[str, Any]] = defaultdict(dict)
             for side, size in _turns(sides, number):
@@ -290,16 +244,8 @@ def measure(sides: Sequence[Side], rounds: int, seconds: float) -> dict[str, Any
             found.append({**one, "ratio": _ratios(one)})
         medians = over_rounds(found)
         long = _long(medians, cache, left_out) if rounds > 1 else {}
-    return {
-        "rounds": rounds,
-        "seconds": seconds,
-        "step_s": STEP,
-        "names": names,
-        "left_out": left_out,
-        "cold_first_s": cold["first_s"],
-        "long": long,
-        **medians,
-    }
+    setting = {"rounds": rounds, "seconds": seconds, "step_s": STEP, "names": names, "left_out": left_out}
+    return {**setting, "cold_first_s": cold, "long": long, **medians}
 
 
 def _long(found: dict[str, Any], cache: Path, left_out: dict[str, str]) -> dict[str, Any]:
@@ -336,30 +282,19 @@ def _ratios(one: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Print the figures."""
-    parser = flags(__doc__)
-    parser.set_defaults(rounds=3)
+    parser = flags(__doc__, rounds=3)
     parser.add_argument("--peers", type=Path, metavar="FOLDER", help="their virtual environment")
     parser.add_argument("--robotarium", type=Path, metavar="CHECKOUT", help="its simulator, besides ir-sim")
-    parser.add_argument("--quick", action="store_true", help="one short round of few sizes")
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="draw the curves into this file")
     given = parser.parse_args()
-    _check(parser, given)
+    if given.robotarium and given.peers is None:
+        parser.error("--robotarium needs --peers FOLDER: that is where what it imports is installed")
+    if given.robotarium and not (given.robotarium / "rps" / "robotarium.py").is_file():
+        parser.error(f"--robotarium {given.robotarium}: no rps/robotarium.py in it; must be a checkout")
     sides = [*SIDES, *peer_sides(given.peers, given.robotarium)]
     if given.quick:
         sides = [side._replace(sizes=side.quick) for side in sides]
-    found = measure(sides, 1 if given.quick else given.rounds, 0.2 if given.quick else 0.5)
-    if given.figure:
-        draw(found, given.figure)
+    found = measure(sides, *((1, 0.2) if given.quick else (given.rounds, 0.5)))
     show(found, section, as_json=given.json)
-
-
-def _check(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
-    if given.robotarium is None:
-        return
-    if given.peers is None:
-        parser.error("--robotarium needs --peers FOLDER: that is where what it imports is installed")
-    if not (given.robotarium / "rps" / "robotarium.py").is_file():
-        parser.error(f"--robotarium {given.robotarium}: no rps/robotarium.py in it; must be a checkout")
 
 
 if __name__ == "__main__":

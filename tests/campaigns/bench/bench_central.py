@@ -1,6 +1,6 @@
 """One node for everybody beside one agent for each: latency, error and cost against the number of robots.
 
-python -m tests.campaigns.bench.bench_central [--quick] [--rounds N] [--seconds S] [--json] [--draw FOLDER]
+python -m tests.campaigns.bench.bench_central [--quick] [--rounds N] [--json]
 
 The central node (`tests.campaigns.bench.central`) is the paper's architecture with this project's law; the
 agents are `python -m formation.agent`, unmodified. Both drive the same simulated robots behind the same
@@ -10,12 +10,12 @@ leader, at 10 Hz, over Zenoh on loopback; in each round they take turns at each 
 from __future__ import annotations
 
 import statistics
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from tests.campaigns.bench.fleet import RATE, Architecture, Fleet, Outcome, command
-from tests.campaigns.figures import filled, markdown, over_rounds, progress, span
+from tests.campaigns.bench.fleet import QUICK, RATE, Architecture, Outcome, trials
+from tests.campaigns.figures import Column, command, filled, over_rounds, table
 from tests.campaigns.plots import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
 
 COUNTS, QUICK_COUNTS = (2, 10, 50), (2, 10)
@@ -23,20 +23,35 @@ COUNTS, QUICK_COUNTS = (2, 10, 50), (2, 10)
 ARCHITECTURES: tuple[Architecture, ...] = get_args(Architecture)
 WORDS = {"agents": "an agent each", "central": "one central node"}
 CURVES = "bench_central.svg"
+DRIVEN = (
+    Column("p50 [ms]", "latency_ms/p50", 2),
+    Column("p99 [ms]", "latency_ms/p99", 2),
+    Column("max [ms]", "latency_ms/max", 2),
+    Column("late", "late_percent", 2, " %"),
+    Column("error, RMS [mm]", "error_mm/rms", 2),
+    Column("worst [mm]", "error_mm/max", 2),
+)
+COSTS = (
+    Column("CPU of a process", "per_process/cpu_percent", 1, " %"),
+    Column("of all", "together/cpu_percent", 0, " %"),
+    Column("RSS of a process [MiB]", "per_process/rss_mib", 0),
+    Column("PSS of all [MiB]", "together/pss_mib", 0),
+    Column("links of a process", "per_process/links", 0, spread=False),
+    Column("traffic of a process [kB/s]", "per_process/kilobytes_per_s", 0),
+)
 
 
-def measure(counts: tuple[int, ...], rounds: int, settle: float, seconds: float) -> dict[str, Any]:
+def measure(rounds: int, counts: Sequence[int] = COUNTS, **times: float) -> dict[str, Any]:
     """All figures; medians over rounds with their lowest and highest."""
-    found = []
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(rounds):
-            turns = ARCHITECTURES if number % 2 == 0 else ARCHITECTURES[::-1]
-            one: dict[str, Any] = {}
-            for count in counts:
-                progress(f"round {number + 1} of {rounds}: {count} robots …")
-                each = {how: figures(Fleet(count, how, Path(folder)).run(settle, seconds)) for how in turns}
-                one[str(count)] = {how: each[how] for how in ARCHITECTURES}
-            found.append(one)
+
+    def turns(number: int) -> list[tuple[int, Architecture]]:
+        return [(count, how) for count in counts for how in ARCHITECTURES[:: -1 if number % 2 else 1]]
+
+    seconds, every = trials(rounds, turns, **times)
+    found = [
+        {str(count): {how: figures(one[count, how]) for how in ARCHITECTURES} for count in counts}
+        for one in every
+    ]
     return {"rounds": rounds, "seconds": seconds, "robots": over_rounds(found)}
 
 
@@ -61,9 +76,9 @@ def draw(found: dict[str, Any], folder: Path) -> None:
     with panels(folder / CURVES, 2) as (latency, error):
         for how, colour in zip(ARCHITECTURES, (BLUE, ORANGE), strict=True):
             for name, line in (("p50", "-"), ("p99", "--")):
-                took = [one[how]["latency_ms"][name] for one in robots.values()]
-                curve(latency, places, took, f"{WORDS[how]}, {name}", colour, line)
-            curve(error, places, [one[how]["error_mm"]["rms"] for one in robots.values()], WORDS[how], colour)
+                path, label = f"{how}/latency_ms/{name}", f"{WORDS[how]}, {name}"
+                curve(latency, places, robots.values(), path, label, colour, line)
+            curve(error, places, robots.values(), f"{how}/error_mm/rms", WORDS[how], colour)
         milliseconds(latency, "odometry → command [ms]")
         error.set_ylabel("error per edge, RMS [mm]")
         error.set_ylim(bottom=0.0)
@@ -74,52 +89,9 @@ def draw(found: dict[str, Any], folder: Path) -> None:
 
 def section(found: dict[str, Any]) -> str:
     """The figures in Markdown."""
-    driven, costs = [], []
-    for count, each in found["robots"].items():
-        for how, one in each.items():
-            latency, error, cost, whole = (
-                one[key] for key in ("latency_ms", "error_mm", "per_process", "together")
-            )
-            name = f"{count} × {WORDS[how]}"
-            driven.append(
-                [
-                    name,
-                    *(span(latency[at], 2) for at in ("p50", "p99", "max")),
-                    span(one["late_percent"], 2, " %"),
-                    span(error["rms"], 2),
-                    span(error["max"], 2),
-                ]
-            )
-            costs.append(
-                [
-                    name,
-                    span(cost["cpu_percent"], 1, " %"),
-                    span(whole["cpu_percent"], 0, " %"),
-                    span(cost["rss_mib"], 0),
-                    span(whole["pss_mib"], 0),
-                    f"{cost['links']['median']:.0f}",
-                    span(cost["kilobytes_per_s"], 0),
-                ]
-            )
-    latencies = markdown(
-        (
-            "robots × who drives them",
-            "p50 [ms]",
-            "p99 [ms]",
-            "max [ms]",
-            "late",
-            "error, RMS [mm]",
-            "worst [mm]",
-        ),
-        driven,
-    )
-    taken = markdown(
-        (
-            "robots × who drives them", "CPU of a process", "of all", "RSS of a process [MiB]",
-            "PSS of all [MiB]", "links of a process", "traffic of a process [kB/s]",
-        ),
-        costs,
-    )  # fmt: skip
+    rows = {
+        f"{count} × {WORDS[how]}": one for count, each in found["robots"].items() for how, one in each.items()
+    }
     how = filled(
         """The paper has one computer that hears every robot and commands them all. Here it is a process
         that does so with this project's observers, tracks and law, put together from the same code,
@@ -135,16 +107,11 @@ def section(found: dict[str, Any]) -> str:
     return f"""{how}
 ![Latency and formation error against the number of robots, of both architectures](figures/{CURVES})
 
-{latencies}
+{table("robots × who drives them", rows, DRIVEN)}
 What the controllers cost, in percent of one core:
 
-{taken}"""
-
-
-def main() -> None:
-    """Print the figures."""
-    command(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
+{table("robots × who drives them", rows, COSTS)}"""
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section, rounds=2, counts=QUICK_COUNTS, **QUICK)

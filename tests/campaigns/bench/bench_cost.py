@@ -1,6 +1,6 @@
 """What one robot's agent costs, against how many robots there are: it must depend on its neighbours alone.
 
-python -m tests.campaigns.bench.bench_cost [--quick] [--rounds N] [--seconds S] [--json] [--draw FOLDER]
+python -m tests.campaigns.bench.bench_cost [--quick] [--rounds N] [--json]
 
 6 to 100 agents (`python -m formation.agent`, unmodified), each a process of its own with links of its own, at
 10 Hz behind a real leader; every one of them measures two others. The bodies are one process, because a
@@ -11,12 +11,12 @@ even ones down.
 from __future__ import annotations
 
 import statistics
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.campaigns.bench.fleet import RATE, Fleet, Outcome, command
-from tests.campaigns.figures import filled, judged, markdown, over_rounds, progress, span
+from tests.campaigns.bench.fleet import QUICK, RATE, Architecture, Outcome, trials
+from tests.campaigns.figures import Bar, Column, command, filled, judged, over_rounds, table
 from tests.campaigns.plots import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
 
 COUNTS, QUICK_COUNTS = (6, 12, 25, 50, 100), (6, 12)
@@ -34,18 +34,34 @@ BAR, LATE_BAR = 0.10, 1.0
 """Per-robot figures of the most agents may be so far above those of the fewest; periods late [%]."""
 BARRED = ("links", "kilobytes_per_s", "cpu_percent")
 CURVES = "bench_cost.svg"
+COST_COLUMNS = (
+    Column("CPU of one core", "cost/cpu_percent", 2, " %"),
+    Column("RSS [MiB]", "cost/rss_mib", 1),
+    Column("PSS [MiB]", "cost/pss_mib", 1),
+    Column("threads", "cost/threads", 0, spread=False),
+    Column("links", "cost/links", 0, spread=False),
+    Column("traffic [kB/s]", "cost/kilobytes_per_s", 1),
+    Column("packets/s", "cost/packets_per_s", 0),
+)
+HELD = (
+    Column("late periods", "late_percent", 2, " %"),
+    Column("odometry → command, p50 [ms]", "latency_ms/p50", 2),
+    Column("p99 [ms]", "latency_ms/p99", 2),
+    Column("error per edge, RMS [mm]", "error_mm/rms", 2),
+    Column("worst [mm]", "error_mm/max", 2),
+    Column("all processes, of one core", "machine_percent", 0, " %"),
+    Column("start → all on the way [s]", "start_s", 1),
+)
 
 
-def measure(counts: tuple[int, ...], rounds: int, settle: float, seconds: float) -> dict[str, Any]:
+def measure(rounds: int, counts: Sequence[int] = COUNTS, **times: float) -> dict[str, Any]:
     """All figures; medians over rounds with their lowest and highest."""
-    found = []
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(rounds):
-            each = {}
-            for count in counts if number % 2 == 0 else counts[::-1]:
-                progress(f"round {number + 1} of {rounds}: {count} agents …")
-                each[count] = figures(Fleet(count, "agents", Path(folder)).run(settle, seconds))
-            found.append(compared({str(count): each[count] for count in counts}))
+
+    def turns(number: int) -> list[tuple[int, Architecture]]:
+        return [(count, "agents") for count in counts[:: -1 if number % 2 else 1]]
+
+    seconds, every = trials(rounds, turns, **times)
+    found = [compared({str(count): figures(one[count, "agents"]) for count in counts}) for one in every]
     return {"rounds": rounds, "seconds": seconds, "agents": over_rounds(found)}
 
 
@@ -81,18 +97,16 @@ def draw(found: dict[str, Any], folder: Path) -> None:
     with panels(folder / CURVES, 3) as (cost, late, error):
         cost.axhspan(1.0 - BAR, 1.0 + BAR, color=INK, alpha=0.12, linewidth=0.0)
         for name, colour in lines.items():
-            relative = [one["relative"][name] for one in agents.values()]
-            curve(cost, places, relative, COSTS[name], colour)
+            curve(cost, places, agents.values(), f"relative/{name}", COSTS[name], colour)
         cost.set_ylabel(f"per agent, of that with {places[0]:g}")
         cost.set_ylim(0.0, 2.0)
         legend(cost, 2)
-        curve(late, places, [one["late_percent"] for one in agents.values()], "late", BLUE)
+        curve(late, places, agents.values(), "late_percent", "late", BLUE)
         late.axhline(LATE_BAR, color=ORANGE, linewidth=1.0, linestyle="--")
-        late.set_ylabel("late periods [%]")
-        late.set_ylim(0.0, None)
-        curve(error, places, [one["error_mm"]["rms"] for one in agents.values()], "error", BLUE)
-        error.set_ylabel("error per edge, RMS [mm]")
-        error.set_ylim(0.0, None)
+        curve(error, places, agents.values(), "error_mm/rms", "error", BLUE)
+        for axes, label in ((late, "late periods [%]"), (error, "error per edge, RMS [mm]")):
+            axes.set_ylabel(label)
+            axes.set_ylim(0.0, None)
         for axes in (cost, late, error):
             counted(axes, places, "agents")
 
@@ -100,20 +114,6 @@ def draw(found: dict[str, Any], folder: Path) -> None:
 def section(found: dict[str, Any]) -> str:
     """The figures in Markdown."""
     agents = found["agents"]
-    costs = markdown(
-        (
-            "agents", "CPU of one core", "RSS [MiB]", "PSS [MiB]", "threads", "links", "traffic [kB/s]",
-            "packets/s",
-        ),
-        [_costs(count, one["cost"]) for count, one in agents.items()],
-    )  # fmt: skip
-    held = markdown(
-        (
-            "agents", "late periods", "odometry → command, p50 [ms]", "p99 [ms]", "error per edge, RMS [mm]",
-            "worst [mm]", "all processes, of one core", "start → all on the way [s]",
-        ),
-        [_held(count, one) for count, one in agents.items()],
-    )  # fmt: skip
     how = filled(
         f"""Every agent is a real process (`python -m formation.agent`) at {RATE:g} Hz that measures two
         robots of the row before it, and two of the row behind measure it: four links in the fleet and one
@@ -127,46 +127,30 @@ def section(found: dict[str, Any]) -> str:
     return f"""{how}
 ![Cost per agent, late periods and formation error against the number of agents](figures/{CURVES})
 
-{_bars(agents)}
-{_full(agents)}{costs}
+{judged(bar.row(agents) for bar in _bars(list(agents)))}
+{_full(agents)}{table("agents", agents, COST_COLUMNS)}
 Late is a period whose command was not there half a period after its odometry was due; the error is the mean
 over the edges, behind a leader on a circle:
 
-{held}"""
+{table("agents", agents, HELD)}"""
 
 
-def _bars(agents: dict[str, Any]) -> str:
-    count, most = next(reversed(agents.items()))
-    fewest = next(iter(agents))
-    relative, late = most["relative"], most["late_percent"]
-    return judged(
-        [
-            *(
-                (
-                    f"{COSTS[name]} per agent, {count} of {fewest}",
-                    span(relative[name], 3, "×"),
-                    f"≤ {1.0 + BAR:g}×",
-                    relative[name]["median"] <= 1.0 + BAR,
-                )
-                for name in BARRED
-            ),
-            (
-                f"late periods, {count} agents",
-                span(late, 2, " %"),
-                f"< {LATE_BAR:g} %",
-                late["median"] < LATE_BAR,
-            ),
-        ]
-    )
+def _bars(counts: list[str]) -> list[Bar]:
+    fewest, most = counts[0], counts[-1]
+    costs = [
+        Bar(f"{COSTS[name]} per agent, {most} of {fewest}", f"{most}/relative/{name}", "≤", 1.0 + BAR, 3, "×")
+        for name in BARRED
+    ]
+    return [*costs, Bar(f"late periods, {most} agents", f"{most}/late_percent", "<", LATE_BAR, 2, " %")]
 
 
 def _full(agents: dict[str, Any]) -> str:
     """That more agents than these processors have time for cost what is left to them, if it is so."""
-    count, most = next(reversed(agents.items()))
-    if most["late_percent"]["median"] < LATE_BAR:
-        return ""
-    full = f"With {count} agents the processors are full, and what an agent costs is what it gets."
     in_time = [count for count, one in agents.items() if one["late_percent"]["median"] < LATE_BAR]
+    most = list(agents)[-1]
+    if most in in_time:
+        return ""
+    full = f"With {most} agents the processors are full, and what an agent costs is what it gets."
     if not in_time:
         return filled(full) + "\n"
     relative = agents[in_time[-1]]["relative"]
@@ -175,36 +159,5 @@ def _full(agents: dict[str, Any]) -> str:
     return filled(full, in_time_at) + "\n"
 
 
-def _costs(count: str, cost: dict[str, dict[str, float]]) -> list[str]:
-    return [
-        count,
-        span(cost["cpu_percent"], 2, " %"),
-        span(cost["rss_mib"], 1),
-        span(cost["pss_mib"], 1),
-        f"{cost['threads']['median']:.0f}",
-        f"{cost['links']['median']:.0f}",
-        span(cost["kilobytes_per_s"], 1),
-        span(cost["packets_per_s"], 0),
-    ]
-
-
-def _held(count: str, one: dict[str, Any]) -> list[str]:
-    return [
-        count,
-        span(one["late_percent"], 2, " %"),
-        span(one["latency_ms"]["p50"], 2),
-        span(one["latency_ms"]["p99"], 2),
-        span(one["error_mm"]["rms"], 2),
-        span(one["error_mm"]["max"], 2),
-        span(one["machine_percent"], 0, " %"),
-        span(one["start_s"], 1),
-    ]
-
-
-def main() -> None:
-    """Print the figures."""
-    command(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section, rounds=2, counts=QUICK_COUNTS, **QUICK)

@@ -14,7 +14,7 @@ from formation.control.laws import LAWS
 from formation.control.observer import Travel, innovation, mended
 from formation.control.plane import rotation
 from formation.control.tracker import Track, carried_to, seen
-from tests.campaigns.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import command, markdown, over_rounds, span
 
 GAINS = Gains(2.0, 1.0)
 
@@ -55,11 +55,5 @@ def section(found: Any) -> str:
     return markdown(["part", "µs"], [[name, span(found[name], 2)] for name in parts()])
 
 
-def main() -> None:
-    """Print the figures."""
-    arguments = flags(__doc__).parse_args()
-    show(measure(arguments.rounds), section, as_json=arguments.json)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section)

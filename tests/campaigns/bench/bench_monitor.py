@@ -1,6 +1,6 @@
 """What one monitor bears: a hundred robots whose every message is recorded, while somebody looks at the page.
 
-python -m tests.campaigns.bench.bench_monitor [--rounds N] [--seconds S] [--json]
+python -m tests.campaigns.bench.bench_monitor [--rounds N] [--quick] [--json]
 
 A real `formation monitor` hears the robots' agents over real Zenoh, each on a link of its own, and records
 them; a client reads the page's stream all the while. First at 20 Hz, for a minute. Then the rate rises, from
@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 
 from tests.campaigns.bench.crowd import mission, names
 from tests.campaigns.bench.processes import Running
-from tests.campaigns.figures import filled, flags, markdown, over_rounds, show, verdict
+from tests.campaigns.figures import command, filled, markdown, over_rounds, verdict
 from tests.support.child import free_endpoint
 
 ROBOTS, RATE, TOPICS = 100, 20.0, 3
@@ -53,15 +53,15 @@ class Process(Running):
         into.flush()
 
     @property
+    def memory(self) -> float:
+        """What it occupies [MiB]."""
+        return float(self.process.memory_info().rss / 2**20)
+
+    @property
     def busy(self) -> float:
         """What it has computed so far [s]."""
         times = self.process.cpu_times()
         return float(times.user + times.system)
-
-    @property
-    def memory(self) -> float:
-        """What it occupies [MiB]."""
-        return float(self.process.memory_info().rss / 2**20)
 
 
 @dataclass
@@ -133,8 +133,9 @@ def one_run(
         look.ended = True
         looking.join(PATIENCE)
     published = {key: n for spoken in figures.pop("spoken") for key, n in spoken["published"].items()}
-    size = sum(path.stat().st_size for path in folder.glob(f"{recording.stem}*"))
-    for path in folder.glob(f"{recording.stem}*"):
+    parts = list(folder.glob(f"{recording.stem}*"))
+    size = sum(path.stat().st_size for path in parts)
+    for path in parts:
         path.unlink()
     sent = sum(published.values())
     return {
@@ -182,7 +183,7 @@ def keeps_up(run: dict[str, float], seconds: float) -> bool:
     return run["crowd_took_s"] <= seconds / SHARE
 
 
-def measure(rounds: int, seconds: float, step_seconds: float) -> dict[str, Any]:
+def measure(rounds: int, seconds: float = 60.0, step_seconds: float = 20.0) -> dict[str, Any]:
     """The load of the bar, and how much more it may be."""
     with tempfile.TemporaryDirectory() as folder:
         at_bar = over_rounds([one_run(RATE, seconds, Path(folder)) for _ in range(rounds)])
@@ -200,8 +201,8 @@ def section(found: dict[str, Any]) -> str:
     lost, lowest = bar["lost"]["high"], bar["page_lowest"]["low"]
     borne = [step for step in found["steps"] if not step["lost"] and keeps_up(step, found["step_seconds"])]
     best = max((step["sent_per_s"] for step in borne), default=bar["sent_per_s"]["median"])
-    rows = [_row({key: one["median"] for key, one in bar.items()}, found["seconds"])]
-    rows += [_row(step, found["step_seconds"]) for step in found["steps"]]
+    runs = [({key: one["median"] for key, one in bar.items()}, found["seconds"])]
+    runs += [(step, found["step_seconds"]) for step in found["steps"]]
     head = [
         "robots × rate × topics", "messages/s", "for [s]", "lost", "page, lowest (mean) [1/s]",
         "CPU of one core", "memory, before → after [MiB]", "recording [MiB]",
@@ -219,7 +220,7 @@ def section(found: dict[str, Any]) -> str:
         "what they handed to Zenoh less what is in the recording, key by key. Where robots were late, they",
         "and not the monitor were too slow.",
     )
-    return f"{filled(*words)}\n{markdown(head, rows)}\n{filled(*how)}"
+    return f"{filled(*words)}\n{markdown(head, [_row(*run) for run in runs])}\n{filled(*how)}"
 
 
 def _row(run: dict[str, float], seconds: float) -> list[str]:
@@ -236,20 +237,5 @@ def _row(run: dict[str, float], seconds: float) -> list[str]:
     ]
 
 
-def main() -> None:
-    """Print the figures."""
-    parser = flags(__doc__)
-    parser.set_defaults(rounds=1)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of a round")
-    parser.add_argument("--step-seconds", type=float, default=20.0, help="of each higher rate")
-    parser.add_argument("--only", type=float, metavar="HZ", help="one run at this rate, as JSON")
-    given = parser.parse_args()
-    if given.only:
-        with tempfile.TemporaryDirectory() as folder:
-            print(json.dumps(one_run(given.only, given.seconds, Path(folder)), indent=1))
-        return
-    show(measure(given.rounds, given.seconds, given.step_seconds), section, as_json=given.json)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section, rounds=1, seconds=5.0, step_seconds=5.0)

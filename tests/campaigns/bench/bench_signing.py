@@ -32,7 +32,7 @@ from formation.transport.security.verifying import Verifier
 from formation.transport.session import Identity
 from formation.wire import Now, Sample
 from tests.campaigns.bench import edge
-from tests.campaigns.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import command, markdown, over_rounds, span
 
 STEPS = 1500
 MISSION = parse(edge.mission(rate=20.0))
@@ -79,15 +79,11 @@ class Follower:
         elapsed = beat * PERIOD
         now = Now(elapsed, self._began + elapsed)
         attachment = self._told(beat)
-        inbox = [
-            Sample(
-                POSITION.key(robot),
-                encode(edge.position(robot, elapsed, now.wall)),
-                order.encode(attachment.model_copy(update={"publisher_id": robot})),
-                now.mono,
-            )
-            for robot in (edge.LEADER, edge.NEIGHBOUR)
-        ]
+        inbox = []
+        for robot in (edge.LEADER, edge.NEIGHBOUR):
+            payload = encode(edge.position(robot, elapsed, now.wall))
+            carried = order.encode(attachment.model_copy(update={"publisher_id": robot}))
+            inbox.append(Sample(POSITION.key(robot), payload, carried, now.mono))
         start = time.perf_counter()
         if self.signer is not None:
             inbox = [self.verifier.check(sample, now.wall) for sample in inbox]
@@ -101,13 +97,12 @@ class Follower:
 
     def _told(self, beat: int) -> PositionAttachment:
         what = Order(term=64, beat=beat, mode="run", shape="line", time=beat * PERIOD)
-        if self.signer is None:
-            return PositionAttachment(publisher_id="bench", count=beat, order=what, mission=MISSION.tag)
-        text = order.encode(what).decode()
-        signature = self.signer.sign(order.statement(MISSION.fingerprint, text))
-        return PositionAttachment(
-            publisher_id="bench", count=beat, signed=text, signature=signature, mission=MISSION.tag
-        )
+        carried: dict[str, Any] = {"order": what}
+        if self.signer is not None:
+            text = order.encode(what).decode()
+            statement = order.statement(MISSION.fingerprint, text)
+            carried = {"signed": text, "signature": self.signer.sign(statement)}
+        return PositionAttachment(publisher_id="bench", count=beat, mission=MISSION.tag, **carried)
 
 
 def periods(signer: Signer, verifier: Verifier) -> dict[str, float]:
@@ -151,18 +146,16 @@ def primitives(signer: Signer, verifier: Verifier) -> dict[str, float]:
     }
 
 
-def imported(module: str) -> dict[str, float]:
-    """What importing it costs an agent: time [ms] and memory [MiB]."""
+def imported() -> dict[str, float]:
+    """What importing the signing costs an agent: time [ms] and memory [MiB]."""
     program = (
         "import time, formation.agent.core, formation.transport.security.verifying\n"
         "peak = lambda: int(open('/proc/self/statm').read().split()[1]) * 4\n"
-        f"before, start = peak(), time.perf_counter()\nimport {module}\n"
+        "before, start = peak(), time.perf_counter()\nimport formation.transport.security.signing\n"
         "print(1e3 * (time.perf_counter() - start), (peak() - before) / 1024)"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout
-    took, memory = map(float, result.split())
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    took, memory = map(float, run.stdout.split())
     return {"import [ms]": took, "memory [MiB]": memory}
 
 
@@ -171,27 +164,16 @@ def measure(rounds: int) -> Any:
     found = []
     with TemporaryDirectory() as folder:
         for _ in range(rounds):
-            signer, verifier = keys(Path(folder))
-            primitive = primitives(signer, verifier)
-            signer, verifier = keys(Path(folder))
-            found.append(
-                {**periods(signer, verifier), **primitive, **imported("formation.transport.security.signing")}
-            )
+            primitive = primitives(*keys(Path(folder)))
+            found.append(periods(*keys(Path(folder))) | primitive | imported())
     return over_rounds(found)
 
 
 def section(found: Any) -> str:
     """The figures in Markdown."""
-    return markdown(
-        ("signed orders, two neighbours, 20 Hz", "µs"), [(n, span(f, 1)) for n, f in found.items()]
-    )
-
-
-def main() -> None:
-    """Print the figures."""
-    arguments = flags(__doc__).parse_args()
-    show(measure(arguments.rounds), section, as_json=arguments.json)
+    rows = [(name, span(took, 1)) for name, took in found.items()]
+    return markdown(("signed orders, two neighbours, 20 Hz", "µs"), rows)
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section)

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,8 @@ from formation.topics import CMD_VEL, ODOM
 from tests.campaigns.bench import edge
 from tests.campaigns.bench.bench_agent import surrounded
 from tests.campaigns.bench.processes import ready_to_start
-from tests.campaigns.bench.scene import ROBOTS, Robots, Scene, Subject
-from tests.campaigns.figures import (
-    curve_flags,
-    filled,
-    markdown,
-    over_rounds,
-    progress,
-    show,
-    span,
-    verdict,
-)
+from tests.campaigns.bench.scene import ROBOTS, Robots, Scene
+from tests.campaigns.figures import command, filled, markdown, over_rounds, progress, span, verdict
 
 INTERPRETERS = {
     "python, nothing else": "pass",
@@ -44,14 +36,13 @@ INTERPRETERS = {
     "python, import numpy": "import numpy",
     "python, all that an agent imports": "import formation.agent.__main__",
 }
-MISSIONS, QUICK_MISSIONS = ("six_robots", "two_chains"), ("six_robots",)
 RUNS_FOR = 3.0
 """How long a mission is run [s]."""
 BAR = 0.5
 """From the start of an agent to its first command [s]."""
 
 
-def measure(missions: tuple[str, ...], rounds: int) -> dict[str, Any]:
+def measure(rounds: int, missions: Sequence[str] = ("six_robots", "two_chains")) -> dict[str, Any]:
     """All figures [s]; medians over rounds with their lowest and highest."""
     ready_to_start()
     found = []
@@ -80,16 +71,14 @@ def processes(folder: Path, number: int) -> dict[str, dict[str, float]]:
     """Agent, copy and echo, one after the other, until they answer odometry [s]."""
     scene = Scene(folder, edge.RATE)
     took = {}
-    turns = list(ROBOTS)[number % 3 :] + list(ROBOTS)[: number % 3]
     with surrounded(scene) as bus:
-        for who in turns:
-            subject = Subject(who, ROBOTS[who], getattr(scene, who)())
+        for subject in scene.subjects(number):
             try:
                 subject.start()
                 Robots(bus, [subject], scene.origin, scene.rate).drive(subject.has_moved)
             finally:
                 subject.end()
-            took[who] = {
+            took[subject.name] = {
                 "first command": subject.first - subject.started,
                 "first command that moves": subject.moving - subject.started,
             }
@@ -99,19 +88,10 @@ def processes(folder: Path, number: int) -> dict[str, dict[str, float]]:
 def run(mission: str, folder: Path) -> dict[str, float]:
     """`formation run`, until its robots speak, and until each is on its way [s]."""
     recording = folder / f"{time.monotonic_ns()}.mcap"
-    command = [
-        sys.executable,
-        "-m",
-        "formation.deploy",
-        "run",
-        mission,
-        "--duration",
-        str(RUNS_FOR),
-        "--json",
-    ]
+    options = ["--duration", str(RUNS_FOR), "--json", "--page", "127.0.0.1:0", "--record", str(recording)]
     start = time.time()
     done = subprocess.run(
-        [*command, "--page", "127.0.0.1:0", "--record", str(recording)],
+        [sys.executable, "-m", "formation.deploy", "run", mission, *options],
         check=False, capture_output=True, text=True,
     )  # fmt: skip
     if done.returncode not in {0, 1}:  # 1: it need not converge in so short a time
@@ -138,12 +118,12 @@ def run(mission: str, folder: Path) -> dict[str, float]:
 def section(found: dict[str, Any]) -> str:
     """The figures in Markdown."""
     agent = found["processes"]["agent"]["first command"]
-    single: list[tuple[str, ...]] = [
-        (what, span(took, 2), "") for what, took in found["interpreters"].items()
-    ]
-    single += [
-        (f"{who}, answering odometry", *(span(one[what], 2) for what in one))
-        for who, one in found["processes"].items()
+    single = [
+        *((what, span(took, 2), "") for what, took in found["interpreters"].items()),
+        *(
+            (f"{who}, answering odometry", *(span(one[what], 2) for what in one))
+            for who, one in found["processes"].items()
+        ),
     ]
     whole = [
         (
@@ -166,12 +146,5 @@ A whole mission on this machine, from the command to the messages in its recordi
 {markdown(("", *what), whole)}"""
 
 
-def main() -> None:
-    """Print the figures."""
-    given = curve_flags(__doc__, rounds=5).parse_args()
-    found = measure(QUICK_MISSIONS, 1) if given.quick else measure(MISSIONS, given.rounds)
-    show(found, section, as_json=given.json)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section, missions=["six_robots"])

@@ -23,7 +23,7 @@ from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.campaigns.bench import edge
 from tests.campaigns.bench.bench_law import microseconds
-from tests.campaigns.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import command, markdown, over_rounds, span
 
 STEPS = 2000
 EPOCH = 1.7e9
@@ -82,16 +82,9 @@ def measure(rounds: int) -> Any:
 
 def section(found: Any) -> str:
     """The figures in Markdown."""
-    return markdown(
-        ("back to back, two neighbours", "µs"), [(name, span(took, 1)) for name, took in found.items()]
-    )
-
-
-def main() -> None:
-    """Print the figures."""
-    arguments = flags(__doc__).parse_args()
-    show(measure(arguments.rounds), section, as_json=arguments.json)
+    rows = [(name, span(took, 1)) for name, took in found.items()]
+    return markdown(("back to back, two neighbours", "µs"), rows)
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, measure, section)

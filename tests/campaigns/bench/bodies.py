@@ -97,7 +97,8 @@ class Bodies:
         self._turns, self._turn = list(self.robots.values()), 0
         self._period = 1.0 / mission.robots[mission.followers[0]].rate
         self._step, self._start = self._period / len(self.robots), time.monotonic()
-        self._window = (float("inf"), float("inf"))
+        self.window = (float("inf"), float("inf"))
+        """Odometry that is due in this interval counts [s, monotonic]."""
 
     @property
     def due(self) -> float:
@@ -108,10 +109,6 @@ class Bodies:
     def waiting(self) -> list[str]:
         """Who has not been told to move yet."""
         return [name for name, robot in self.robots.items() if not robot.moved]
-
-    def measure(self, begin: float, end: float) -> None:
-        """Let odometry that is due in this interval count [s, monotonic]."""
-        self._window = (begin, end)
 
     def speak(self) -> None:
         """Send the odometry that is due; what is late by a period is left out, as a robot's sensors do."""
@@ -133,33 +130,25 @@ class Bodies:
             robot = self._by_command[sample.key]
             twist = decode(Twist, sample.payload)
             robot.obey(Command(twist.speed, twist.turn_rate), sample.arrived)
-            self._answered(robot, sample.arrived)
+            for due, sent in robot.requested:
+                if self._counts(due):
+                    self.answers.append(sample.arrived - sent)
+                    self.late += sample.arrived - due > 0.5 * self._period
+            robot.requested.clear()
 
     def figures(self) -> dict[str, Any]:
         """What came of the interval; what has no answer by now is late."""
-        for robot in self._turns:
-            lost = [due for due, _ in robot.requested if self._counts(due)]
-            self.late += len(lost)
+        late = self.late + sum(self._counts(due) for robot in self._turns for due, _ in robot.requested)
         if not self.answers:
             raise SystemExit("no robot had a command in the whole interval")
-        requested = round((self._window[1] - self._window[0]) / self._step)
-        errors = np.array(self.errors)
+        requested, errors = round((self.window[1] - self.window[0]) / self._step), np.array(self.errors)
+        rms = float(np.sqrt(np.square(errors).mean()))
         return {
             "latency_ms": tail([1e3 * took for took in self.answers]),
-            "late_percent": 100.0 * self.late / requested,
-            "error_mm": {
-                "rms": 1e3 * float(np.sqrt(np.square(errors).mean())),
-                "max": 1e3 * float(errors.max()),
-            },
+            "late_percent": 100.0 * late / requested,
+            "error_mm": {"rms": 1e3 * rms, "max": 1e3 * float(errors.max())},
             "asked": float(requested),
         }
-
-    def _answered(self, robot: Robot, arrived: float) -> None:
-        for due, sent in robot.requested:
-            if self._counts(due):
-                self.answers.append(arrived - sent)
-                self.late += arrived - due > 0.5 * self._period
-        robot.requested.clear()
 
     def _judge(self, leader: Pose) -> None:
         now = clocks()
@@ -170,7 +159,7 @@ class Bodies:
         self.errors.append(float(edge_errors(self._edges, points, self._slots).mean()))
 
     def _counts(self, due: float) -> bool:
-        return self._window[0] <= due < self._window[1]
+        return self.window[0] <= due < self.window[1]
 
 
 def main(plan: dict[str, Any]) -> None:
@@ -213,7 +202,7 @@ def main(plan: dict[str, Any]) -> None:
             pass
         say("settled")
         begin = time.monotonic() + SPARE
-        bodies.measure(begin, begin + plan["seconds"])
+        bodies.window = (begin, begin + plan["seconds"])
         while live(begin + plan["seconds"] + 1.0 / mission.robots[mission.leader].rate):
             pass
         say("measured", **bodies.figures())

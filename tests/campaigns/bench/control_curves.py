@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from formation.monitor.exporters.layout import COLOURS
 from tests.campaigns.bench.control_trials import front
-from tests.campaigns.plots import INK, STYLE
+from tests.campaigns.plots import INK, panels
 
 BOUND = 0.05
 """Formation error under which the six robots count as settled [m]."""
@@ -31,27 +30,31 @@ LEAST = 1e-4
 THICK, WIDE = 1.7, (8.6, 3.5)
 SLOWEST = 2.3
 """Of the parameters that are shown, median settling over the bound."""
-Label = tuple[float, float, str, str]
 
 
 def draw(found: Mapping[str, Any], folder: Path) -> None:
     """All figures, into `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "control", "font.size": 9.5}):
-        for name, drawn in (
-            ("time", over_time(found["laws"])),
-            ("saturation", over_saturation(found["saturation"])),
-            ("conditions", over_conditions(found["conditions"])),
-            ("chain", over_depth(found["chains"])),
-            ("parameters", over_parameters(found["parameters"])),
-        ):
-            drawn.savefig(folder / f"bench_control_{name}.svg", transparent=True, metadata={"Date": None})
+
+    def side_by_side(
+        name: str, count: int, size: tuple[float, float] = WIDE, **options: Any
+    ) -> AbstractContextManager[Sequence[Axes]]:
+        style = {"svg.hashsalt": "control", "font.size": 9.5}
+        return panels(folder / f"bench_control_{name}.svg", count, size, style, **options)
+
+    with side_by_side("time", 2, width_ratios=(3, 2)) as axes:
+        over_time(found["laws"], *axes)
+    with side_by_side("saturation", 3, width_ratios=(5, 4, 3)) as axes:
+        over_saturation(found["saturation"], *axes)
+    with side_by_side("conditions", 3, sharey=True) as axes:
+        over_conditions(found["conditions"], axes)
+    with side_by_side("chain", 2, (8.6, 3.9), sharey=True) as axes:
+        over_depth(found["chains"], *axes)
+    with side_by_side("parameters", 1, (5.8, 3.6)) as axes:
+        over_parameters(found["parameters"], *axes)
 
 
-def over_time(laws: Mapping[str, Any]) -> Figure:
+def over_time(laws: Mapping[str, Any], error: Axes, share: Axes) -> None:
     """Error over time, median and middle half of all starts; and the share of starts that have settled."""
-    figure = Figure(figsize=WIDE, layout="constrained")
-    error, share = figure.subplots(1, 2, width_ratios=(3, 2))
     moments, percent = np.array(laws["moments"]), np.linspace(0, 100, 21)
     soonest = laws["bounds"]["by distance"]
     error.axvspan(soonest[5], soonest[15], color=INK, alpha=0.25, linewidth=0.0)
@@ -85,13 +88,10 @@ def over_time(laws: Mapping[str, Any]) -> Figure:
         (5.5, 52.0, "gain 40", GREEN),
         (13.0, 80.0, "paper's", RED),
     )
-    return figure
 
 
-def over_saturation(found: Mapping[str, Any]) -> Figure:
+def over_saturation(found: Mapping[str, Any], settling: Axes, rate: Axes, share: Axes) -> None:
     """Settling time, rate of convergence and share over how much faster the robots are than their leader."""
-    figure = Figure(figsize=WIDE, layout="constrained")
-    settling, rate, share = figure.subplots(1, 3, width_ratios=(5, 4, 3))
     ratios = np.array([float(ratio) for ratio in found])
     bound = np.array([[one["bound"][index] for index in (5, 10, 15)] for one in found.values()])
     _band(settling, ratios, bound.T, INK)
@@ -101,7 +101,7 @@ def over_saturation(found: Mapping[str, Any]) -> Figure:
         _band(settling, ratios, np.array(times, dtype=float).T, colour)
         _band(rate, ratios, np.array([cell["rate"] or [np.nan] * 3 for cell in cells]).T, colour)
         shares = [100.0 * cell["share"] for cell in cells]
-        share.plot(ratios, shares, "o-", color=colour, linewidth=THICK, markersize=3.5, clip_on=False)
+        _dotted(share, ratios, shares, colour)
     settling.set(yscale="log", ylabel="settling time [s]", ylim=(1.5, 500.0))
     settling.set_yticks((2, 5, 10, 20, 50, 100, 200, 500), ("2", "5", "10", "20", "50", "100", "200", "500"))
     settling.tick_params(axis="y", which="minor", left=False)
@@ -114,43 +114,36 @@ def over_saturation(found: Mapping[str, Any]) -> Figure:
     _label(settling, (1.5, 1.75, "lower bound", INK))
     _label(rate, (1.1, 1.35, "field law", BLUE), (2.6, 0.3, "paper's law", RED))
     _label(share, (2.0, 86.0, "paper's law", RED), (2.0, 93.0, "field law", BLUE))
-    return figure
 
 
-def over_conditions(found: Mapping[str, Any]) -> Figure:
+def over_conditions(found: Mapping[str, Any], kinds: Sequence[Axes]) -> None:
     """What error remains under delay, loss and noise."""
-    figure = Figure(figsize=WIDE, layout="constrained")
-    panels = figure.subplots(1, 3, sharey=True)
-    kinds = {
+    scales = {
         "delay": (1000.0, "age of samples [ms]"),
         "loss": (100.0, "samples lost [%]"),
         "noise": (1000.0, "noise of positions, σ [mm]"),
     }
-    for axes, (kind, (scale, label)) in zip(panels, kinds.items(), strict=True):
+    for axes, (kind, (scale, label)) in zip(kinds, scales.items(), strict=True):
         values = scale * np.array([float(value) for value in found[kind]])
         for name in next(iter(found[kind].values())):
             remains = np.array([max(cell[name]["rms"], LEAST) for cell in found[kind].values()])
-            axes.plot(
-                values, remains, "o-", color=COLOUR[name], linewidth=THICK, markersize=3.5, clip_on=False
-            )
+            _dotted(axes, values, remains, COLOUR[name])
         _settled_line(axes)
         axes.set(xlabel=label, xlim=(0.0, values[-1]))
         _lengths(axes, LEAST, 2.0)
-    panels[0].set(ylabel="formation error that remains")
-    _label(panels[0], (200.0, 0.00016, "field law", BLUE), (160.0, 0.1, "paper's law", RED))
-    _label(panels[0], (60.0, 0.65, "gain 10", PINK))
-    _label(panels[1], (24.0, 0.0002, "field law", BLUE), (24.0, 0.0085, "paper's law", RED))
-    _label(panels[1], (24.0, 0.145, "gain 10", PINK), (24.0, 0.034, "gain 40", GREEN))
-    _label(panels[2], (20.6, 1.35, "gain 40", GREEN), (20.6, 0.86, "gain 10", PINK))
-    _label(panels[2], (20.6, 0.54, "field law", BLUE), (20.6, 0.28, "– gentle", SKY))
-    _label(panels[2], (20.6, 0.1, "paper's law", RED))
-    return figure
+    delay, loss, noise = kinds
+    delay.set(ylabel="formation error that remains")
+    _label(delay, (200.0, 0.00016, "field law", BLUE), (160.0, 0.1, "paper's law", RED))
+    _label(delay, (60.0, 0.65, "gain 10", PINK))
+    _label(loss, (24.0, 0.0002, "field law", BLUE), (24.0, 0.0085, "paper's law", RED))
+    _label(loss, (24.0, 0.145, "gain 10", PINK), (24.0, 0.034, "gain 40", GREEN))
+    _label(noise, (20.6, 1.35, "gain 40", GREEN), (20.6, 0.86, "gain 10", PINK))
+    _label(noise, (20.6, 0.54, "field law", BLUE), (20.6, 0.28, "– gentle", SKY))
+    _label(noise, (20.6, 0.1, "paper's law", RED))
 
 
-def over_depth(found: Mapping[str, Any]) -> Figure:
+def over_depth(found: Mapping[str, Any], laws: Axes, worse: Axes) -> None:
     """Distance from the slot over hops from the leader: all laws, and the field law in worse worlds."""
-    figure = Figure(figsize=(8.6, 3.9), layout="constrained")
-    laws, worse = figure.subplots(1, 2, sharey=True)
     deepest = len(found["field law"])
     hops = np.arange(1, deepest + 1)
     tones = {"300 ms": RED, "30 % lost": GREEN, "TurtleBot3": BROWN}
@@ -165,12 +158,8 @@ def over_depth(found: Mapping[str, Any]) -> Figure:
         axes.set(xlabel="hops from the leader", xlim=(1, deepest))
         _lengths(axes, 2e-4, 10.0)
     laws.set(ylabel="distance from the slot, RMS")
-    if deepest >= 50:
-        _depth_labels(laws, worse)
-    return figure
-
-
-def _depth_labels(laws: Axes, worse: Axes) -> None:
+    if deepest < 50:
+        return
     _label(laws, (30.0, 3.2, "paper's law", RED), (24.0, 0.155, "gain 10", PINK))
     _label(laws, (30.0, 0.052, "gain 40", GREEN), (32.0, 0.0078, "field law", BLUE))
     _label(laws, (18.0, 0.0004, "dashed: samples 100 ms old", INK))
@@ -180,10 +169,8 @@ def _depth_labels(laws: Axes, worse: Axes) -> None:
     _label(worse, (50.6, 0.0155, "perfect", BLUE))
 
 
-def over_parameters(found: Mapping[str, Any]) -> Figure:
+def over_parameters(found: Mapping[str, Any], axes: Axes) -> None:
     """What settles fast against what stays calm in a rough world, for all parameters that were tried."""
-    figure = Figure(figsize=(5.8, 3.6), layout="constrained")
-    axes = figure.subplots()
     tried, bound = [one for one in found["tried"] if one["calm"]["share"] == 1.0], found["bound"]
     shipped = _places(found["tried"][:1], bound)
     axes.plot(*_places(tried, bound), "o", color=INK, alpha=0.5, markersize=4.0)
@@ -198,14 +185,15 @@ def over_parameters(found: Mapping[str, Any]) -> Figure:
     _label(axes, (1.97, 0.0345, "nothing tried beats these in both", BLUE))
     if beyond := sum(place > SLOWEST for place in _places(tried, bound)[0]):
         axes.text(SLOWEST, 0.36, f"{beyond} more beyond →", color=INK, horizontalalignment="right")
-    return figure
 
 
 def _places(tried: Sequence[Any], bound: float) -> tuple[list[float], list[float]]:
-    return (
-        [one["calm"]["settling"]["median"] / bound for one in tried],
-        [one["rough"]["rms"] for one in tried],
-    )
+    settling = [one["calm"]["settling"]["median"] / bound for one in tried]
+    return settling, [one["rough"]["rms"] for one in tried]
+
+
+def _dotted(axes: Axes, x: Any, y: Any, colour: str) -> None:
+    axes.plot(x, y, "o-", color=colour, linewidth=THICK, markersize=3.5, clip_on=False)
 
 
 def _band(axes: Axes, x: Any, quartiles: Any, colour: str) -> None:
@@ -218,7 +206,7 @@ def _settled_line(axes: Axes) -> None:
     axes.axhline(BOUND, color=INK, linewidth=0.9, linestyle=":")
 
 
-def _label(axes: Axes, *labels: Label) -> None:
+def _label(axes: Axes, *labels: tuple[float, float, str, str]) -> None:
     """Words beside a curve, in its colour: where they begin, what they say."""
     for x, y, text, colour in labels:
         axes.text(x, y, text, color=colour, clip_on=False)

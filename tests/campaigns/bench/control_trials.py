@@ -80,22 +80,19 @@ HEADING = 30.0
 """[deg]"""
 
 
-def _around(turn: str) -> dict[str, Any]:
-    """A whole circle of 1 m."""
-    return {"radius": 1.0, "speed": SPEED, "turn": turn, "duration": float(2.0 * np.pi / SPEED)}
-
-
+_CIRCLE: dict[str, Any] = {"radius": 1.0, "speed": SPEED}
+_TURNS = [
+    {**_CIRCLE, "turn": turn, "duration": float(2.0 * np.pi / SPEED)}
+    for turn in ("left", *("right", "left", "right") * 3)
+]
 ROUTES: Mapping[str, Sequence[dict[str, Any]]] = MappingProxyType(
     {
         "line": [{"speed": SPEED, "heading_deg": HEADING}],
-        "circle of 1 m": [{"radius": 1.0, "speed": SPEED, "heading_deg": HEADING}],
+        "circle of 1 m": [{**_CIRCLE, "heading_deg": HEADING}],
         "square of 5 m": [
             {"speed": SPEED, "heading_deg": HEADING + 90.0 * corner, "duration": SIDE} for corner in range(8)
         ],
-        "figure eight, 1 m": [
-            {**_around("left"), "heading_deg": HEADING},
-            *(_around(turn) for turn in ("right", "left", "right") * 3),
-        ],
+        "figure eight, 1 m": [{**_TURNS[0], "heading_deg": HEADING}, *_TURNS[1:]],
     }
 )
 
@@ -158,16 +155,9 @@ class Contender:
     ) -> Result:
         """`runs` starts, the same for every law, for `horizon` [s] times its patience."""
         return simulate(
-            self.of(mission),
-            law=self.law,
-            runs=runs,
-            seed=SEED,
-            options=options,
-            horizon=horizon * self.patience,
-            step=step,
-            starts=starts,
-            keep=keep,
-        )
+            self.of(mission), law=self.law, runs=runs, seed=SEED, options=options, step=step, starts=starts,
+            horizon=horizon * self.patience, keep=keep,
+        )  # fmt: skip
 
 
 FIELD = Contender("field law", "field")
@@ -187,27 +177,28 @@ def figures(result: Result) -> dict[str, Any]:
 
 def figures_of_stays(result: Result) -> dict[str, Any]:
     """The same with lasting disturbances: settled is under the bound for `DWELL_TIME` in a row."""
-    return {"runs": len(result.converged), **_settled(first_stay(result)), **_remaining(result)}
+    return {
+        "runs": len(result.converged),
+        **_settled(first_stay(result.error, result.time, result.settled)),
+        **_remaining(result),
+    }
 
 
-def first_stay(result: Result) -> FloatArray:
-    """When each run first went under the bound for at least `DWELL_TIME` [s], NaN where never; shape (R,)."""
-    moments, runs = result.error.shape
-    long = max(1, round(DWELL_TIME / (result.time[1] - result.time[0])))
-    under = np.cumsum(np.vstack([np.zeros(runs), result.error < result.settled]), axis=0)
+def first_stay(error: FloatArray, time: FloatArray, bound: float) -> FloatArray:
+    """When each run's error (T, R) first went under `bound` for `DWELL_TIME` [s] or more, NaN where never."""
+    long = max(1, round(DWELL_TIME / (time[1] - time[0])))
+    under = np.cumsum(np.vstack([np.zeros(error.shape[1]), error < bound]), axis=0)
     stays = under[long:] - under[:-long] == long
-    first = result.time[: moments - long + 1][stays.argmax(axis=0)]
-    return np.where(stays.any(axis=0), first, np.nan)
+    return np.where(stays.any(axis=0), time[stays.argmax(axis=0)], np.nan)
 
 
 def _settled(times: FloatArray) -> dict[str, Any]:
     """Share, and quantiles of the time of those that did [s]; None under half."""
     share = float(np.isfinite(times).mean())
-    known = times[np.isfinite(times)]
     names = ("q25", "median", "q75", "p95", "max")
     if share < 0.5:
         return {"share": share, "settling": dict.fromkeys(names)}
-    quantiles = np.percentile(known, (25, 50, 75, 95, 100)).tolist()
+    quantiles = np.percentile(times[np.isfinite(times)], (25, 50, 75, 95, 100)).tolist()
     return {"share": share, "settling": dict(zip(names, quantiles, strict=True))}
 
 

@@ -110,10 +110,8 @@ class Publisher:
         if not self._leads:
             yield Said(ODOM.key(self._name), self._odometry.at(wall, x - self._offset))
             yield Said(CMD_VEL.key(self._name), self._command, self._trace(wall))
-        spoken = order.encode(
-            PositionAttachment(publisher_id=f"{self.number:016x}", count=self._count, order=decoded)
-        )
-        yield Said(POSITION.key(self._name), self._position.at(wall, x - self._offset), spoken)
+        spoken = PositionAttachment(publisher_id=f"{self.number:016x}", count=self._count, order=decoded)
+        yield Said(POSITION.key(self._name), self._position.at(wall, x - self._offset), order.encode(spoken))
         if (self._count + self.number) % self._every == 0:
             yield Said(STATUS.key(self._name), self._status(wall))
 
@@ -128,17 +126,12 @@ class Publisher:
         if self._leads:
             leads = LeaderStatus(robot=self._name, state=LeaderState.RUN, leads=True, leader=self._name)
             return encode(to_message(leads, wall))
-        result = AgentStatus(
-            robot=self._name,
-            state=AgentState.RUN,
-            reason=Reason(Code.RUNNING),
-            law="field",
-            speed=0.2,
-            turn_rate=0.01,
-            link=RobotLink.CONNECTED,
-            age={"odometry": 0.012, "one": 0.031, "other": 0.044},
-        )
-        return encode(to_message(result, wall))
+        about: dict[str, Any] = {
+            "law": "field", "speed": 0.2, "turn_rate": 0.01, "link": RobotLink.CONNECTED,
+            "age": {"odometry": 0.012, "one": 0.031, "other": 0.044},
+        }  # fmt: skip
+        status = AgentStatus(robot=self._name, state=AgentState.RUN, reason=Reason(Code.RUNNING), **about)
+        return encode(to_message(status, wall))
 
 
 def speak(

@@ -6,9 +6,10 @@ import json
 import math
 import os
 import shutil
+import tempfile
 import time
-from collections import Counter, deque
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -19,7 +20,7 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.transport import wiring
 from tests.campaigns.bench.processes import LISTING, Running, accounts, memory, used
-from tests.campaigns.figures import curve_flags, show
+from tests.campaigns.figures import progress
 from tests.support.child import free_endpoint
 
 LEADER = "leader"
@@ -31,14 +32,11 @@ OFFSET = 0.2
 """Control-point offset of every follower [m]."""
 
 
-def width(followers: int) -> int:
-    """Robots in a row: about as many as there are rows, so that nobody is far from the leader."""
-    return max(2, round(math.sqrt(followers)))
-
-
 def mission(followers: int, rate: float) -> str:
     """The file of a mission of so many followers, everybody at `rate` [Hz]; all start in their slots."""
-    wide = width(followers)
+    wide = max(
+        2, round(math.sqrt(followers))
+    )  # about as many as there are rows: nobody is far from the leader
     places = [divmod(number, wide) for number in range(followers)]
     slots = [APART * complex(-1 - row, column - 0.5 * (wide - 1)) for row, column in places]
     lines = ['name = "block"', f'leader = "{LEADER}"', "[robot]", f"control_point_offset = {OFFSET}"]
@@ -55,11 +53,8 @@ def mission(followers: int, rate: float) -> str:
 def typical(block: Mission) -> tuple[str, ...]:
     """Followers that measure two others and are measured by two, as the first and last rows do not."""
     measured = Counter(name for robot in block.robots.values() for name in robot.neighbours)
-    return tuple(
-        name
-        for name in block.followers
-        if LEADER not in block.robots[name].neighbours and measured[name] == 2
-    )
+    middle = (name for name in block.followers if LEADER not in block.robots[name].neighbours)
+    return tuple(name for name in middle if measured[name] == 2)
 
 
 def _name(row: int, column: int) -> str:
@@ -68,8 +63,8 @@ def _name(row: int, column: int) -> str:
 
 RATE = 10.0
 """Of every robot's odometry and of the leader [Hz]."""
-SETTLE = 10.0
-"""From everybody on the way to everybody in formation [s]."""
+QUICK = {"settle": 2.0, "seconds": 4.0}
+"""Times of the short form [s]."""
 QUIET = ("--log-level", "error", "--parent", str(os.getpid()))
 AT_ONCE = 4
 """So many of those who drive may be starting at a time."""
@@ -114,7 +109,6 @@ class Fleet:
             "mission": str(self._file), "leader": leader_end, "robots": self._robots,
             "settle": settle, "seconds": seconds,
         }  # fmt: skip
-        leader = ["leader", str(self._file), "-l", leader_end, *QUIET]
         with ExitStack() as stack:
             log = stack.enter_context(self._log.open("w"))
 
@@ -123,7 +117,10 @@ class Fleet:
 
             bodies = started(["tests.campaigns.bench.bodies", json.dumps(plan)])
             bodies.wait_for("ready")
-            others = {"bodies": bodies.process, "leader": started(leader).process}
+            others = {
+                "bodies": bodies.process,
+                "leader": started(["leader", str(self._file), "-l", leader_end, *QUIET]).process,
+            }
             begun = time.monotonic()
             drivers = self._drivers(started)
             moving = bodies.wait_for("moving")["moment"] - begun
@@ -145,57 +142,44 @@ class Fleet:
     def _drivers(self, start: Callable[[list[str]], Running]) -> dict[str, psutil.Popen]:
         """Start whoever drives, a few at a time: who starves gives up its links, and makes them anew."""
         running: dict[str, Running] = {}
-        starting: deque[Running] = deque()
         for name, argv in self._argv().items():
             running[name] = start(argv)
-            starting.append(running[name])
-            if len(starting) == AT_ONCE:
-                starting.popleft().wait_for("ready")
+            if len(running) >= AT_ONCE:
+                list(running.values())[-AT_ONCE].wait_for("ready")
         return {name: one.process for name, one in running.items()}
 
     def _argv(self) -> dict[str, list[str]]:
         """What ``python -m`` is given for each that drives."""
         if self._central:
-            plan = {
-                "mission": str(self._file),
-                "dial": [self._ends[self._mission.leader], *self._robots.values()],
-            }
+            dial = [self._ends[self._mission.leader], *self._robots.values()]
+            plan = {"mission": str(self._file), "dial": dial}
             return {"central": ["tests.campaigns.bench.central", json.dumps(plan)]}
         return {name: self._agent(name) for name in self._mission.followers}
 
     def _agent(self, name: str) -> list[str]:
         dialled = [word for to in wiring.called(self._mission, name) for word in ("-e", self._ends[to])]
-        return [
-            "agent", str(self._file), "--robot", name, *QUIET,
-            "--robot-connect", self._robots[name], "-l", self._ends[name], *dialled,
-        ]  # fmt: skip
+        ends = ["--robot-connect", self._robots[name], "-l", self._ends[name], *dialled]
+        return ["agent", str(self._file), "--robot", name, *QUIET, *ends]
 
 
-QUICK = (2.0, 4.0)
-"""How long a fleet settles and is measured in the short form [s]."""
+def trials(
+    rounds: int,
+    turns: Callable[[int], Iterable[tuple[int, Architecture]]],
+    settle: float = 10.0,
+    seconds: float = 10.0,
+) -> tuple[float, list[dict[tuple[int, Architecture], Outcome]]]:
+    """How long each fleet is measured [s], and what came of every round's fleets.
 
-
-def command(
-    description: str | None,
-    measure: Callable[[tuple[int, ...], int, float, float], Any],
-    counts: tuple[int, ...],
-    quick_counts: tuple[int, ...],
-    draw: Callable[[Any, Path], None],
-    section: Callable[[Any], str],
-) -> None:
-    """Measure with so many robots, draw what is found if asked to, and print it.
-
-    `measure` is given the numbers of robots, of rounds, and how long each fleet settles and is measured [s].
+    `turns` has the followers and the architectures of a round in order; a fleet has `settle` [s] from
+    everybody on the way to everybody in formation.
     """
-    parser = curve_flags(description, rounds=2)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
-    given = parser.parse_args()
     if shutil.which(LISTING[0]) is None:
-        parser.error(f"needs {LISTING[0]}, which counts what goes over each link: apt install iproute2")
-    if given.quick:
-        found = measure(quick_counts, 1, *QUICK)
-    else:
-        found = measure(counts, given.rounds, SETTLE, given.seconds)
-    if given.draw:
-        draw(found, given.draw)
-    show(found, section, as_json=given.json)
+        raise SystemExit(f"needs {LISTING[0]}, which counts what goes over each link: apt install iproute2")
+    found: list[dict[tuple[int, Architecture], Outcome]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(rounds):
+            found.append({})
+            for count, how in turns(number):
+                progress(f"round {number + 1} of {rounds}: {count} robots, {how} …")
+                found[-1][count, how] = Fleet(count, how, Path(folder)).run(settle, seconds)
+    return seconds, found

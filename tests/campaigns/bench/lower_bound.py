@@ -19,7 +19,6 @@ import itertools
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
@@ -33,10 +32,12 @@ DIRECTIONS = 36
 
 def by_distance(mission: Mission, starts: Starts, step: float = 0.01) -> FloatArray:
     """Each start's soonest moment by its robots' distances alone [s]; shape (R,)."""
-    away, top = _to_slots(mission, starts), _top_speeds(mission)
+    away = _to_slots(mission, starts)
+    top = np.array([mission.robots[name].top_speed for name in mission.followers])  # of control points [m/s]
     soonest = np.full(away.shape, np.nan)
     for moment, gone in _leader(mission, step):
-        _note(soonest, np.abs(away + gone) <= top * moment + _allowed(mission, step), moment - step)
+        reached = np.abs(away + gone) <= top * moment + _allowed(mission, step)
+        soonest[reached & np.isnan(soonest)] = max(0.0, moment - step)
         if not np.isnan(soonest).any():
             break
     latest: FloatArray = soonest.max(axis=1)
@@ -109,16 +110,6 @@ def _leader(mission: Mission, step: float) -> Iterator[tuple[float, complex]]:
 def _allowed(mission: Mission, step: float) -> float:
     """What a control point may be away from its slot, and the slot come nearer within a step [m]."""
     return mission.settled + step * max(leg.speed for leg in mission.route)
-
-
-def _note(soonest: FloatArray, reached: NDArray[np.bool_], moment: float) -> None:
-    """Write down when what was out of reach no longer is."""
-    soonest[reached & np.isnan(soonest)] = max(0.0, moment)
-
-
-def _top_speeds(mission: Mission) -> FloatArray:
-    """Fastest each follower's control point can move [m/s]; shape (F,)."""
-    return np.array([mission.robots[name].top_speed for name in mission.followers])
 
 
 def _to_slots(mission: Mission, starts: Starts) -> ComplexArray:

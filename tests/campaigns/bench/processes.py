@@ -12,7 +12,6 @@ from compileall import compile_dir
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, NamedTuple, Self
 
 import psutil
@@ -22,15 +21,15 @@ LISTING = ("ss", "-tniOHp", "state", "established")
 
 
 class Link(NamedTuple):
-    """One end of a TCP connection, since it was made."""
+    """One end of a TCP connection, since it was made: bytes, and segments with data.
 
-    sent: int
-    """[bytes]"""
-    received: int
-    """[bytes]"""
-    segments_out: int
-    """Segments with data: what is sent at once, as an express message is, is one."""
-    segments_in: int
+    What is sent at once, as an express message is, is one segment.
+    """
+
+    bytes_sent: int
+    bytes_received: int
+    data_segs_out: int
+    data_segs_in: int
 
 
 class Account(NamedTuple):
@@ -44,19 +43,18 @@ class Account(NamedTuple):
 
 
 _OWNER = re.compile(r"pid=(\d+)")
-_COUNTS = ("bytes_sent", "bytes_received", "data_segs_out", "data_segs_in")
-_COUNT = re.compile(rf"\b({'|'.join(_COUNTS)}):(\d+)")
+_COUNT = re.compile(rf"\b({'|'.join(Link._fields)}):(\d+)")
 
 
 def links(listing: str) -> dict[int, tuple[Link, ...]]:
     """Connections by process id, from what `LISTING` printed."""
-    found: dict[int, list[Link]] = {}
+    found: dict[int, tuple[Link, ...]] = {}
     for line in listing.splitlines():
         counts = {name: int(count) for name, count in _COUNT.findall(line)}
-        link = Link(*(counts.get(name, 0) for name in _COUNTS))  # ss leaves out what is zero
+        link = Link(*(counts.get(name, 0) for name in Link._fields))  # ss leaves out what is zero
         for pid in set(_OWNER.findall(line)):
-            found.setdefault(int(pid), []).append(link)
-    return {pid: tuple(each) for pid, each in found.items()}
+            found[int(pid)] = (*found.get(int(pid), ()), link)
+    return found
 
 
 def accounts(pids: Iterable[int]) -> dict[int, Account]:
@@ -79,16 +77,13 @@ def used(before: Account, after: Account) -> dict[str, float]:
     elapsed = after.moment - before.moment
 
     def more(*fields: str) -> float:
-        was, now = (
-            sum(float(getattr(link, field)) for link in account.links for field in fields)
-            for account in (before, after)
-        )
-        return (now - was) / elapsed
+        was, now = (sum(getattr(link, one) for link in of.links for one in fields) for of in (before, after))
+        return float(now - was) / elapsed
 
     return {
         "cpu_percent": 100.0 * (after.busy - before.busy) / elapsed,
-        "kilobytes_per_s": more("sent", "received") / 1e3,
-        "packets_per_s": more("segments_out", "segments_in"),
+        "kilobytes_per_s": more("bytes_sent", "bytes_received") / 1e3,
+        "packets_per_s": more("data_segs_out", "data_segs_in"),
         "links": float(len(after.links)),
     }
 
@@ -109,14 +104,12 @@ PACKAGES = ("formation", "agent", "leader", "monitor", "deploy", "tests")
 
 @cache
 def ready_to_start() -> None:
-    """Call this before the first subject is started, and as often as you like."""
-    compile_modules(ROOT / name for name in PACKAGES)
+    """Compile whatever has changed, also where Python is told to keep nothing that it compiles.
 
-
-def compile_modules(folders: Iterable[Path]) -> None:
-    """Compile whatever has changed in these; also where Python is told to keep nothing that it compiles."""
-    for folder in folders:
-        compile_dir(folder, quiet=1)
+    Call this before the first subject is started, and as often as you like.
+    """
+    for name in PACKAGES:
+        compile_dir(ROOT / name, quiet=1)
 
 
 class Running:
@@ -132,9 +125,7 @@ class Running:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:
             self.process.kill()
         self.process.communicate()

@@ -71,11 +71,10 @@ class Profile:
 
     def collected(self, phase: str, _info: dict[str, int]) -> None:
         """A hook for the garbage collector."""
-        now = time.monotonic()
         if phase == "start":
-            self._collecting = now
+            self._collecting = time.monotonic()
         else:
-            self.pauses.append(now - self._collecting)
+            self.pauses.append(time.monotonic() - self._collecting)
 
 
 def install(profile: Profile) -> None:

@@ -33,19 +33,11 @@ def centimetres(metres: float) -> str:
 
 def section(found: Found) -> str:
     """All of it."""
-    return "\n".join(
-        (
-            bars(found),
-            laws(found["laws"]),
-            convergence(found["convergence"]),
-            on_routes(found["routes"]),
-            conditions(found["conditions"]),
-            saturation(found["saturation"]),
-            chains(found["chains"]),
-            parameters(found["parameters"]),
-            peer_gains(found["peer gains"]),
-        )
-    )
+    sections = {
+        "laws": laws, "convergence": convergence, "routes": on_routes, "conditions": conditions,
+        "saturation": saturation, "chains": chains, "parameters": parameters, "peer gains": peer_gains,
+    }  # fmt: skip
+    return "\n".join([bars(found), *(write(found[name]) for name, write in sections.items())])
 
 
 def bars(found: Found) -> str:
@@ -120,7 +112,13 @@ At 95 % in steps of 50 ms, these robots' own rate, for 150 s.
 
 def on_routes(found: Found) -> str:
     """Every law on every route."""
-    rows = [row(route, name, case) for route, case in found.items() for name in case["laws"]]
+    rows = []
+    for route, case in found.items():
+        for name, one in case["laws"].items():
+            middle = one["settling"]["median"]
+            of_bound = "–" if middle is None else f"{middle / case['bound']:.1f}×"
+            left = (centimetres(one["peak"]), centimetres(one["rms"]))
+            rows.append([f"{route}: {name}", percent(one["share"]), *times(one, "median"), of_bound, *left])
     header = ["", "settle", "median", "of the bound", "peak", "RMS"]
     return f"""### On other routes
 
@@ -129,14 +127,6 @@ error of all edges between 45 and 90 s, medians of the starts, all of it looked 
 75 s the leader of the square turns a corner on the spot, which nobody can follow at once.
 
 {markdown(header, rows)}"""
-
-
-def row(route: str, name: str, case: Any) -> list[str]:
-    """One law on one route."""
-    one, middle = case["laws"][name], case["laws"][name]["settling"]["median"]
-    of_bound = "–" if middle is None else f"{middle / case['bound']:.1f}×"
-    remaining = (centimetres(one["peak"]), centimetres(one["rms"]))
-    return [f"{route}: {name}", percent(one["share"]), *times(one, "median"), of_bound, *remaining]
 
 
 UNITS = {"delay": (1000.0, "ms old"), "loss": (100.0, "% lost"), "noise": (1000.0, "mm of noise")}
@@ -148,11 +138,8 @@ def conditions(found: Found) -> str:
     laws = list(perfect)
     rows = [_row("perfect", perfect, laws)]
     for kind, (scale, unit) in UNITS.items():
-        rows += [
-            _row(f"{scale * float(value):g} {unit}", cells, laws)
-            for value, cells in found[kind].items()
-            if float(value) > 0.0
-        ]
+        worse = [(value, cells) for value, cells in found[kind].items() if float(value) > 0.0]
+        rows += [_row(f"{scale * float(value):g} {unit}", cells, laws) for value, cells in worse]
     rows.append(_row("commands cut to 0.01", steps, laws))
     rows.append(_row("– with error feedback", {laws[0]: steps["field law, error feedback"]}, laws))
     return f"""### Delay, loss, noise, steps
@@ -172,13 +159,8 @@ strong noise reaches it where it does not reach the paper's law.
 
 
 def _row(label: str, cells: Found, laws: list[str]) -> list[str]:
-    texts = []
-    for law in laws:
-        if law not in cells:
-            texts.append("")
-            continue
-        texts.append(f"{times(cells[law], 'median')[0]}, {centimetres(cells[law]['rms'])}")
-    return [label, *texts]
+    some = [cells.get(law) for law in laws]
+    return [label, *(f"{times(one, 'median')[0]}, {centimetres(one['rms'])}" if one else "" for one in some)]
 
 
 def saturation(found: Found) -> str:
@@ -233,9 +215,8 @@ def parameters(found: Found) -> str:
     best = [("**shipped**", found["tried"][0])]
     best += [(_words(one["parameters"]), one) for one in front(found["tried"])]
     cells = [(name, one["calm"], centimetres(one["rough"]["rms"])) for name, one in best]
-    cells += [
-        (f"all measuring the leader, gain {float(gain):g}", one, "") for gain, one in found["star"].items()
-    ]
+    star = found["star"].items()
+    cells += [(f"all measuring the leader, gain {float(gain):g}", one, "") for gain, one in star]
     rows = [
         [name, *times(calm, "median", "p95"), f"{calm['settling']['median'] / bound:.2f}×", rough]
         for name, calm, rough in cells
@@ -260,15 +241,9 @@ def _words(parameters: Found) -> str:
 
 def peer_gains(found: Found) -> str:
     """What the proportional law makes of other gains."""
-    rows = [
-        [
-            f"{float(gain):g}",
-            percent(one["calm"]["share"]),
-            *times(one["calm"], "median"),
-            centimetres(one["calm"]["rms"]),
-            centimetres(one["late"]["rms"]),
-        ]
-        for gain, one in found.items()
-    ]
+    rows = []
+    for gain, one in found.items():
+        calm, left = one["calm"], [centimetres(one[kind]["rms"]) for kind in ("calm", "late")]
+        rows.append([f"{float(gain):g}", percent(calm["share"]), *times(calm, "median"), *left])
     header = ["gain [1/s]", "settle", "median", "error that remains", "samples 100 ms old"]
     return f"### The proportional law's gain\n\n{markdown(header, rows)}"

@@ -24,7 +24,7 @@ from formation.transport.runtime.rate import Rate
 from formation.transport.session import settings_of
 from formation.wire import Now, Outgoing, Sample
 from tests.campaigns.bench import edge
-from tests.campaigns.bench.processes import busy, memory, ready_to_start
+from tests.campaigns.bench.processes import ready_to_start
 from tests.support.child import free_endpoint
 
 PATIENCE = 30.0
@@ -71,7 +71,7 @@ class Subject:
 
     def end(self) -> None:
         """Ask the process to end; kill it if it does not."""
-        if self.process is None or self.process.poll() is not None:
+        if self.process is None or self.has_ended:
             return
         self.process.terminate()
         try:
@@ -82,16 +82,12 @@ class Subject:
         self.process = None
 
     @property
-    def cpu_time(self) -> float:
-        """What it has computed since it started [s]."""
+    def pid(self) -> int:
+        """Of its process."""
         assert self.process is not None
-        return busy(self.process.pid)
+        return self.process.pid
 
-    def cost(self) -> dict[str, float]:
-        """What it occupies."""
-        assert self.process is not None
-        return memory(self.process)
-
+    @property
     def has_ended(self) -> bool:
         """Whether its process is gone though nobody ended it."""
         return self.process is not None and self.process.poll() is not None
@@ -138,15 +134,18 @@ class Robots:
         """
         end = time.monotonic() + limit
         while not until():
-            ended = [subject.name for subject in self._subjects if subject.has_ended()]
-            if ended or time.monotonic() > end:
+            ended = [subject.name for subject in self._subjects if subject.has_ended]
+            if ended:
+                raise RuntimeError(f"{' and '.join(ended)} ended")
+            if time.monotonic() > end:
                 requested = " and ".join(subject.name for subject in self._subjects if subject.process)
-                raise RuntimeError(
-                    f"{' and '.join(ended)} ended" if ended else f"not so within {limit} s: {requested}"
-                )
+                raise RuntimeError(f"not so within {limit} s: {requested}")
             time.sleep(max(0.0, self._rate.due - time.monotonic()))
             if self._rate.tick(time.monotonic()):
-                self._tick()
+                self._take()
+                subject = self._subjects[self._rate.ticks % len(self._subjects)]
+                if subject.process is not None:
+                    subject.ask(self._bus, self._odometry())
 
     def drive_for(self, seconds: float) -> None:
         """Send odometry for so long."""
@@ -163,7 +162,7 @@ class Robots:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             for subject in self._subjects:
-                if subject.has_ended():
+                if subject.has_ended:
                     raise RuntimeError(f"{subject.name} ended")
                 self._chase(subject, RUN_UP)
                 del subject.exchanges[subject.counted :]
@@ -182,12 +181,6 @@ class Robots:
             while subject.waiting is not None and (left := deadline - time.monotonic()) > 0.0:
                 self._bus.wait(left)
                 self._take()
-
-    def _tick(self) -> None:
-        self._take()
-        subject = self._subjects[self._rate.ticks % len(self._subjects)]
-        if subject.process is not None:
-            subject.ask(self._bus, self._odometry())
 
     def _take(self) -> None:
         for sample in self._bus.drain():
@@ -225,35 +218,31 @@ class Scene:
         plan = json.dumps([self.origin, self.rate, self._neighbours, monitored, load(self.mission).tag])
         return [sys.executable, "-m", "tests.campaigns.bench.edge", plan]
 
+    def subjects(self, number: int) -> list[Subject]:
+        """Agent, copy and echo; who starts first depends on the number of the round."""
+        argv = {"agent": self.agent, "copy": self.copy, "echo": self.echo}
+        every = [Subject(name, robot, argv[name]()) for name, robot in ROBOTS.items()]
+        return every[number % 3 :] + every[: number % 3]
+
     def agent(self) -> list[str]:
         """Command line of the agent."""
         return [sys.executable, "-P", "-m", "formation.agent", *self._agent_arguments()]
 
     def profiled_agent(self, file: Path) -> list[str]:
         """Command line of the agent with stopwatches."""
-        return [
-            sys.executable,
-            "-m",
-            "tests.campaigns.bench.profiled_agent",
-            str(file),
-            *self._agent_arguments(),
-        ]
+        profiled = ["-m", "tests.campaigns.bench.profiled_agent", str(file)]
+        return [sys.executable, *profiled, *self._agent_arguments()]
 
     def copy(self) -> list[str]:
         """Command line of the script that does with Zenoh what the agent does."""
         status = [out for out in self._outbox if out.key == STATUS.key(edge.FOLLOWER)]
-        return self._bare(
-            "copy",
-            BusConfig(listen=(self._listen["copy"],), connect=tuple(self._neighbours.values())),
-            receives=[POSITION.key(robot) for robot in self._neighbours],
-            answers=[out for out in self._outbox if out not in status],
-            beside=status,
-        )
+        fleet = BusConfig(listen=(self._listen["copy"],), connect=tuple(self._neighbours.values()))
+        receives = [POSITION.key(robot) for robot in self._neighbours]
+        return self._bare("copy", [out for out in self._outbox if out not in status], status, receives, fleet)
 
     def echo(self) -> list[str]:
         """Command line of the echo."""
-        command = [out for out in self._outbox if out.key == CMD_VEL.key(edge.FOLLOWER)]
-        return self._bare("echo", None, receives=[], answers=command, beside=[])
+        return self._bare("echo", [out for out in self._outbox if out.key == CMD_VEL.key(edge.FOLLOWER)])
 
     def _agent_arguments(self) -> list[str]:
         dialled = [word for to in self._neighbours.values() for word in ("-e", to)]
@@ -265,23 +254,25 @@ class Scene:
     def _bare(
         self,
         who: str,
-        fleet: BusConfig | None,
-        receives: list[str],
-        answers: list[Outgoing],
-        beside: list[Outgoing],
+        answers: Sequence[Outgoing],
+        beside: Sequence[Outgoing] = (),
+        receives: Sequence[str] = (),
+        fleet: BusConfig | None = None,
     ) -> list[str]:
-        sides = {"robot": BusConfig(mode="client", connect=(self.robot,))} | (
-            {"fleet": fleet} if fleet else {}
-        )
-        repeat = [_row("fleet", ODOM, ROBOTS[who])]
+        robot, sides = ROBOTS[who], {"robot": BusConfig(mode="client", connect=(self.robot,))}
+        if fleet is not None:
+            sides["fleet"] = fleet
+        rows = {
+            "answers": _rows(robot, answers),
+            "repeats": [_row("fleet", ODOM, robot)],
+            "beside": _rows(robot, beside),
+        }
         plan = {
             "sides": {side: json.loads(str(settings_of(config))) for side, config in sides.items()},
-            "answer_to": ODOM.key(ROBOTS[who]),
+            "answer_to": ODOM.key(robot),
             "hears": receives,
-            "answers": [row for row in _rows(ROBOTS[who], answers) if row["side"] in sides],
-            "repeats": [row for row in repeat if row["side"] in sides],
-            "beside": [row for row in _rows(ROBOTS[who], beside) if row["side"] in sides],
             "period": 0.5,
+            **{name: [row for row in some if row["side"] in sides] for name, some in rows.items()},
         }
         return [sys.executable, str(Path(__file__).with_name("bare.py")), json.dumps(plan)]
 
@@ -305,16 +296,12 @@ def _one_step(mission_file: Path, rate: float) -> list[Outgoing]:
     return outbox
 
 
-def _rows(robot: str, outbox: list[Outgoing]) -> list[dict[str, Any]]:
+def _rows(robot: str, outbox: Sequence[Outgoing]) -> list[dict[str, Any]]:
     """An agent's messages as `bare` wants them, in another robot's name, ordered as an agent sends them."""
     topics = [(address(out.key).topic, out) for out in outbox]
     first = [_row(topic.side, topic, robot, out) for topic, out in topics]
-    then = [
-        _row("fleet" if topic.side == "robot" else "robot", topic, robot, out)
-        for topic, out in topics
-        if topic != ALIVE
-    ]
-    return first + then
+    other = {"robot": "fleet", "fleet": "robot"}
+    return first + [_row(other[topic.side], topic, robot, out) for topic, out in topics if topic != ALIVE]
 
 
 def _row(side: str, topic: Topic, robot: str, out: Outgoing | None = None) -> dict[str, Any]:

@@ -26,9 +26,8 @@ from formation.mission.model import Mission
 from formation.simulation.body import Body
 from formation.simulation.compiled import compiled
 from formation.simulation.edges import Edges
-from formation.simulation.ensemble import Ensemble, Options, Starts, positions, random_starts
-from formation.simulation.simulate import DWELL_TIME
-from tests.campaigns.bench.control_trials import HEADING, NEAR_IDENTITY, SPEED, UNAIDED, varied
+from formation.simulation.ensemble import Ensemble, Options, positions, random_starts
+from tests.campaigns.bench.control_trials import HEADING, NEAR_IDENTITY, SPEED, UNAIDED, first_stay, varied
 from tests.campaigns.bench.yardstick_laws import FOLLOWER, PREDICTIVE
 from tests.unit.formation import scenarios
 
@@ -137,11 +136,6 @@ LAW: Mapping[str, Law] = MappingProxyType(
 )
 
 
-def starts_of(mission: Mission, runs: int, seed: int) -> Starts:
-    """Random starts, the same for every law."""
-    return random_starts(mission, runs, mission.simulation.spread, np.random.default_rng(seed))
-
-
 def edge_errors(
     scenario: Scenario, law: Law, gains: Mapping[str, float], runs: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -152,8 +146,9 @@ def edge_errors(
     given = scenario.build()
     driven = law.mission(given, gains)
     steps = STRIDE * (round(scenario.horizon / STEP) // STRIDE)
+    starts = random_starts(given, runs, given.simulation.spread, np.random.default_rng(seed))
     ensemble = Ensemble(
-        driven, law.controller, scenario.options, starts_of(given, runs, seed), STEP,
+        driven, law.controller, scenario.options, starts, STEP,
         np.random.default_rng(seed + 1000), steps, steps,
     )  # fmt: skip
     offset, points = ensemble.robots["offset"], []
@@ -166,19 +161,17 @@ def edge_errors(
     slots, edges, own = np.array(given.slots()), Edges(given.graph), Edges(driven.graph)
     displaced = np.abs(edges.along_edges(all_points) - edges.along_edges(slots))
     distant = np.abs(np.abs(own.along_edges(all_points)) - np.abs(own.along_edges(slots)))
-    return bounded(displaced), bounded(distant)
-
-
-def bounded(errors: FloatArray) -> FloatArray:
-    """Errors [m] without the infinite ones of a run that overflowed."""
-    cut: FloatArray = np.nan_to_num(errors, nan=MAX_ERROR).clip(max=MAX_ERROR)
-    return cut
+    displaced, distant = (
+        np.nan_to_num(one, nan=MAX_ERROR).clip(max=MAX_ERROR) for one in (displaced, distant)
+    )
+    return displaced, distant
 
 
 def figures(displaced: FloatArray, distant: FloatArray) -> dict[str, Any]:
     """Figures of one cell, from the `edge_errors` of all runs: medians of the runs [m, s]."""
     third, half = displaced[len(displaced) * 2 // 3 :], displaced[len(displaced) // 2 :]
-    times = settling_times(displaced.max(axis=2))
+    moments = STEP * STRIDE * np.arange(1.0, len(displaced) + 1.0)
+    times = first_stay(displaced.max(axis=2), moments, SETTLED)
     known = times[np.isfinite(times)]
     median, upper = np.percentile(known, (50.0, 95.0)).tolist() if len(known) else (None, None)
     return {
@@ -189,16 +182,6 @@ def figures(displaced: FloatArray, distant: FloatArray) -> dict[str, Any]:
         "median": median,
         "p95": upper,
     }
-
-
-def settling_times(greatest: FloatArray) -> FloatArray:
-    """When each run's greatest error (T, R) first goes under the bound for `DWELL_TIME` [s], NaN if never."""
-    moments, runs = greatest.shape
-    dwell = round(DWELL_TIME / (STEP * STRIDE))
-    count = np.cumsum(np.vstack([np.zeros(runs), greatest < SETTLED]), axis=0)
-    stays = count[dwell:] - count[:-dwell] == dwell
-    first = STEP * STRIDE * (1.0 + stays.argmax(axis=0))
-    return np.where(stays.any(axis=0), first, np.nan) if moments >= dwell else np.full(runs, np.nan)
 
 
 def cost(cells: Mapping[str, Mapping[str, Any]], *, shapeless: bool) -> float:

@@ -49,11 +49,8 @@ def mission(errors: Errors) -> Mission:
     data["shapes"]["diamond"] = {name: list(slot) for name, (slot, _) in PLACES.items()}
     for name, ((x, y), neighbours) in PLACES.items():
         data["robots"][name] = {"neighbours": neighbours, "start": {"x": x - 0.05, "y": y, "heading_deg": 0}}
-    data["simulated_scanner"] = {
-        "lost": errors.lost,
-        "scale": errors.scale,
-        "mounting_error_deg": errors.mounting_deg,
-    }
+    scanner = {"lost": errors.lost, "scale": errors.scale, "mounting_error_deg": errors.mounting_deg}
+    data["simulated_scanner"] = scanner
     return Mission.model_validate(data)
 
 
@@ -92,29 +89,23 @@ class Line:
         from formation.agent.simulated.physics.world import World
 
         of = mission(errors)
-        starts = {
-            name: of.robots[name].start.model_copy(update={"x": -(gap + 0.1) * number, "y": 0.0})
-            for number, name in enumerate(of.followers)
-        }
-        robots = {
-            name: of.robots[name].model_copy(update={"start": starts[name]}) if name in starts else spec
-            for name, spec in of.robots.items()
-        }
+        robots = dict(of.robots)
+        for number, name in enumerate(of.followers):
+            start = robots[name].start.model_copy(update={"x": -(gap + 0.1) * number, "y": 0.0})
+            robots[name] = robots[name].model_copy(update={"start": start})
         of = of.changed(robots=robots)
         real = displaced(of, errors, seed)
         self.names = of.followers
         self.world = World(real, seed)
-        self._told = {name: (starts[name].position, starts[name].heading) for name in self.names}
-        self._real = {
-            name: (real.robots[name].start.position, real.robots[name].start.heading) for name in self.names
-        }
+        self._starts = {name: (of.robots[name].start, real.robots[name].start) for name in self.names}
         self.followers = {name: Follower(of.robots[name].max_speed, gap) for name in self.names[1:]}
 
     def believed(self, name: str) -> Pose:
         """Where a robot is by its odometry, from the start that it was told."""
-        state, (real, facing), (told, axis) = self.world.states[name], self._real[name], self._told[name]
-        turn = axis * facing.conjugate()
-        return Pose(told + (state.counted_position - real) * turn, state.counted_heading * turn)
+        state, (told, real) = self.world.states[name], self._starts[name]
+        turn = told.heading * real.heading.conjugate()
+        moved = state.counted_position - real.position
+        return Pose(told.position + moved * turn, state.counted_heading * turn)
 
     def step(self, velocity: Velocity, *, plans: bool) -> None:
         """Drive all for STEP_SECONDS."""
@@ -161,20 +152,15 @@ def main() -> None:
     ratios: dict[float, list[float]] = {gap: [] for gap in GAPS}
     for seed in range(flags.drives):
         place, distance, measured = ours(errors, seed, flags.seconds)
-        print(
-            f"drive {seed}: places {100 * place:.2f} cm ({100 * measured:.2f} as the robots know them),"
-            f" distances {100 * distance:.2f} cm",
-            end="",
-            flush=True,
-        )
+        known = f"{100 * place:.2f} cm ({100 * measured:.2f} as the robots know them)"
+        parts = [f"drive {seed}: places {known}, distances {100 * distance:.2f} cm"]
         for gap, found in ratios.items():
             off, farthest = line(errors, seed, flags.seconds, gap)
             found.append(off / place)
-            print(
-                f"; line at {gap} m: {100 * off:.1f} cm, {farthest:.2f} m at most, {found[-1]:.1f} times",
-                end="",
+            parts.append(
+                f"line at {gap} m: {100 * off:.1f} cm, {farthest:.2f} m at most, {found[-1]:.1f} times"
             )
-        print(flush=True)
+        print("; ".join(parts), flush=True)
     for gap, found in ratios.items():
         print(f"line at {gap} m: median {median(found):.1f} times, least {min(found):.1f}")
 

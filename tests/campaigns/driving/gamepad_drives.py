@@ -11,17 +11,8 @@ import random
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 
-from formation.deploy.driving.inputs import (
-    AXIS,
-    BUTTON,
-    DEAD_MAN_BUTTON,
-    EVENT,
-    FORWARD_AXIS,
-    MAX_AXIS,
-    TURN_AXIS,
-    Gamepad,
-    Share,
-)
+from formation.deploy.driving import inputs
+from formation.deploy.driving.inputs import Gamepad, Share
 
 EVENT_SECONDS = 0.02
 """Time between two events of an axis [s]."""
@@ -51,19 +42,21 @@ def events(seed: int, seconds: float) -> Iterator[tuple[float, bytes]]:
     chance, time, stick = random.Random(f"gamepad {seed}"), 0.0, [0.0, 0.0]
     while time < seconds:
         name, place, duration = manoeuvre(chance)
-        yield time, _event(time, int(name != "stop"), BUTTON, DEAD_MAN_BUTTON)
+        yield time, _event(time, int(name != "stop"), inputs.BUTTON, inputs.DEAD_MAN_BUTTON)
         end = min(time + duration, seconds)
         while time < end:
             share = 1.0 - math.exp(-EVENT_SECONDS / THUMB_SECONDS)
-            for number, (axis, wanted) in enumerate(zip((FORWARD_AXIS, TURN_AXIS), place, strict=True)):
+            for number, (axis, wanted) in enumerate(
+                zip((inputs.FORWARD_AXIS, inputs.TURN_AXIS), place, strict=True)
+            ):
                 stick[number] += share * (wanted + chance.gauss(0.0, TREMBLE) * bool(wanted) - stick[number])
-                value = -round(MAX_AXIS * min(max(stick[number], -1.0), 1.0))
-                yield time, _event(time, value, AXIS, axis)
+                value = -round(inputs.MAX_AXIS * min(max(stick[number], -1.0), 1.0))
+                yield time, _event(time, value, inputs.AXIS, axis)
             time += EVENT_SECONDS
 
 
 def _event(time: float, value: int, kind: int, number: int) -> bytes:
-    return EVENT.pack(round(1000.0 * time), value, kind, number)
+    return inputs.EVENT.pack(round(1000.0 * time), value, kind, number)
 
 
 def drive(seed: int, seconds: float) -> Callable[[float], Share]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import random
 import re
 from collections.abc import Iterator
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from formation.deploy import check
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
-from tests.campaigns.fuzz.trying import Tried, attempt, damaged
+from tests.campaigns.fuzz.trying import Tried, attempt, damaged, quiet
 
 VALUES = (
     "0", "-1", "1", "true", '""', '"x"', "[]", "{}", "nan", "inf", "-inf", "1e-300", "5e-324",
@@ -49,18 +47,15 @@ def form(text: str, chance: random.Random) -> bytes:
 
 def _scaled(lines: list[str], chance: random.Random) -> None:
     """Another number for some key, of any size, so that it may well be legal."""
-    places = [at for at, line in enumerate(lines) if "=" in line and _NUMBER.search(line)]
-    at = chance.choice(places)
-    factor = chance.choice(
-        (-1.0, 0.0, 1.5, 10.0 ** chance.uniform(-9.0, 9.0), 10.0 ** chance.uniform(-2.0, 2.0))
-    )
+    at = chance.choice([at for at, line in enumerate(lines) if "=" in line and _NUMBER.search(line)])
+    sizes = (-1.0, 0.0, 1.5, 10.0 ** chance.uniform(-9.0, 9.0), 10.0 ** chance.uniform(-2.0, 2.0))
+    factor = chance.choice(sizes)
     lines[at] = _NUMBER.sub(lambda found: repr(float(found[0]) * factor), lines[at])
 
 
 def _value(lines: list[str], chance: random.Random) -> None:
     """Another value for some key."""
-    places = [at for at, line in enumerate(lines) if "=" in line]
-    at = chance.choice(places)
+    at = chance.choice([at for at, line in enumerate(lines) if "=" in line])
     lines[at] = f"{lines[at].partition('=')[0]}= {chance.choice(VALUES)}"
 
 
@@ -71,9 +66,4 @@ def tried(folder: Path, seeds: range) -> Iterator[Tried]:
     for seed in seeds:
         chance = random.Random(seed)
         path.write_bytes(form(chance.choice(texts), chance))
-        yield attempt("check", seed, lambda: _checked(path), (Refusal,))
-
-
-def _checked(path: Path) -> int:
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        return check.main([str(path), "--json"])
+        yield attempt("check", seed, lambda: quiet(check.main, [str(path), "--json"]), (Refusal,))

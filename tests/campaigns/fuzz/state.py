@@ -79,12 +79,8 @@ class Scene:
 
 def scenes() -> list[Scene]:
     """Robots that drive, hold or are stopped, with each source of positions."""
-    kinds = [
-        turning_back(),
-        turning_back(odometry_frame="start"),
-        turning_back(localisation="external"),
-        load("posts"),
-    ]
+    variants: tuple[dict[str, Any], ...] = ({}, {"odometry_frame": "start"}, {"localisation": "external"})
+    kinds = [*(turning_back(**one) for one in variants), load("posts")]
     found = [_scene(mission, ask) for mission in kinds for ask in ("", "hold")]
     return [*found, _scene(kinds[0], "", stopped=True)]
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import random
-import resource
 import signal
 import struct
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from types import FrameType
 from typing import Any, NamedTuple
 
@@ -21,21 +21,8 @@ REALS = (
 )  # fmt: skip
 """Numbers that overflow, underflow or cancel in some expression."""
 WORDS = (
-    "",
-    "nan",
-    "inf",
-    "-inf",
-    "\0",
-    "é",
-    "\ud800",
-    "😀",
-    "x" * 5000,
-    "never",
-    "stop",
-    "run",
-    "hold",
-    "on",
-)
+    "", "nan", "inf", "-inf", "\0", "é", "\ud800", "😀", "x" * 5000, "never", "stop", "run", "hold", "on",
+)  # fmt: skip
 """Text that a reader may not expect."""
 _WIDTHS = {1: "<B", 2: "<H", 4: "<I", 8: "<Q"}
 
@@ -92,12 +79,7 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
     stack = [value]
     while stack:
         one = stack.pop()
-        if isinstance(one, dict):
-            keys: Any = list(one)
-        elif isinstance(one, list):
-            keys = range(len(one))
-        else:
-            continue
+        keys = list(one) if isinstance(one, dict) else range(len(one)) if isinstance(one, list) else ()
         found += [(one, key) for key in keys]
         stack += [one[key] for key in keys]
     return found
@@ -161,17 +143,9 @@ def attempt(
             finding = Finding(reader, seed, f"refused in more than one line: {str(refusal)[:200]!r}")
     except (Exception, TooLong) as error:  # noqa: BLE001 - this is what is looked for
         last = traceback.extract_tb(error.__traceback__)[-1]
-        finding = Finding(reader, seed, f"{_told(error)} at {last.filename}:{last.lineno}")
+        what = f"{type(error).__name__}: {str(error)[:120]} at {last.filename}:{last.lineno}"
+        finding = Finding(reader, seed, what)
     return Tried(finding, refused, time.process_time() - begin)
-
-
-def _told(error: BaseException) -> str:
-    return f"{type(error).__name__}: {str(error)[:120]}"
-
-
-def peak_memory() -> float:
-    """The most memory that this process has had so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 @contextmanager
@@ -188,3 +162,9 @@ def _limited(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
+
+
+def quiet(main: Callable[[list[str]], int], arguments: list[str]) -> int:
+    """The exit code of a command, whose output nobody reads."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        return main(arguments)

@@ -6,7 +6,6 @@ import cmath
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from formation.agent.perception.association import Outcome
 from formation.agent.perception.perception import Expected, Perception
 from formation.deploy.rehearsal import fleet as rehearsed
 from formation.deploy.rehearsal.air import Weather
@@ -14,18 +13,8 @@ from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
 from formation.mission.model import Mission
 from formation.sensing.detection import Detection
-from tests.support.seeing import (
-    HEXAGON_TEAM,
-    STRAIGHT,
-    Errors,
-    Team,
-    displaced,
-    edges,
-    hexagon,
-    misfit,
-    rms,
-    send_as_driver,
-)
+from tests.support import seeing
+from tests.support.seeing import HEXAGON_TEAM, STRAIGHT, Errors, Team, displaced, edges, misfit, rms
 
 ROUTES = {
     "straight": STRAIGHT,
@@ -57,8 +46,6 @@ class Case(NamedTuple):
     errors: Errors = Errors()
     team: Team = HEXAGON_TEAM
     weather: Weather = Weather()
-    tables: str = ""
-    """More tables of the mission."""
     scanner: str = ""
     """Model of the scanners; without one scans are of one moment."""
     drivers: bool = False
@@ -69,13 +56,8 @@ class Case(NamedTuple):
         """The mission that agents have."""
         errors = self.errors._replace(beams=FINE_BEAMS) if self.drivers else self.errors
         scan = f'model = "{self.scanner}"' if self.scanner else "rate = 5"
-        return hexagon(
-            ROUTES[self.route],
-            errors,
-            measurement=self.measurement,
-            team=self.team,
-            scan=scan,
-            tables=self.tables,
+        return seeing.hexagon(
+            ROUTES[self.route], errors, measurement=self.measurement, team=self.team, scan=scan
         )
 
 
@@ -83,13 +65,7 @@ class Displaced(Fleet):
     """A fleet with robots that are not exactly on their start poses."""
 
     def __init__(
-        self,
-        of: Mission,
-        errors: Errors,
-        seed: int,
-        weather: Weather,
-        world: WorldName,
-        driver: str = "",
+        self, of: Mission, errors: Errors, seed: int, weather: Weather, world: WorldName, driver: str = ""
     ) -> None:
         """With `driver`, the model of a scanner, scans are as its driver sends them."""
         self._real, self._driver = displaced(of, errors, seed), driver
@@ -101,7 +77,7 @@ class Displaced(Fleet):
         for name in names if self._driver else ():
             ranging = self.robots[name][0]._hosted[name].ranging
             if ranging is not None:
-                send_as_driver(ranging, self._driver, seed)
+                seeing.send_as_driver(ranging, self._driver, seed)
 
 
 def fleet_of(case: Case, seed: int) -> Displaced:
@@ -140,10 +116,9 @@ class Witness:
         centre = mate[0] + mate[1] * self._fleet.mission.robots[one.candidate.name].seen.at
         ray = one.axis * cmath.rect(seen.distance, seen.angle)
         off = abs(me[0] + me[1] * (one.scanner + ray) - centre)
-        if off < MAX_OFF + MAX_OFF_SHARE * seen.distance:
-            self.right += 1
-        else:
-            self.wrong += 1
+        right = off < MAX_OFF + MAX_OFF_SHARE * seen.distance
+        self.right += right
+        self.wrong += not right
 
     def _place(self, name: str) -> tuple[complex, complex]:
         plant = self._fleet.robots[name][0].plant(name)
@@ -186,7 +161,6 @@ class Sample(NamedTuple):
     time: float
     error: Error
     states: dict[str, str]
-    outcomes: dict[str, dict[str, Outcome]]
     locked: dict[str, bool]
     """Whether each robot with landmarks is locked."""
 
@@ -199,18 +173,11 @@ def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
         fleet.engine.run(second - 1 + 0.25)
         witness.watch()
         fleet.engine.run(float(second))
-        states = {name: str(agent.decision.state) for name, (agent, _) in fleet.agents.items()}
-        seen = {
-            name: {mate: one.outcome for mate, one in agent.perception.state.mates.items()}
-            for name, (agent, _) in fleet.agents.items()
-            if agent.perception is not None
-        }
-        locked = {
-            name: agent.perception.state.locked
-            for name, (agent, _) in fleet.agents.items()
-            if agent.perception is not None and agent.perception.mates
-        }
-        samples.append(Sample(float(second), error(fleet), states, seen, locked))
+        agents = {name: agent for name, (agent, _) in fleet.agents.items()}
+        states = {name: str(agent.decision.state) for name, agent in agents.items()}
+        sees = {name: agent.perception for name, agent in agents.items() if agent.perception is not None}
+        locked = {name: one.state.locked for name, one in sees.items() if one.mates}
+        samples.append(Sample(float(second), error(fleet), states, locked))
     return samples, witness
 
 
@@ -223,9 +190,3 @@ def window(samples: Sequence[Sample], begin: float, end: float) -> Error:
     """RMS over a time [s]."""
     inside = [one.error for one in samples if begin < one.time <= end]
     return Error(*(rms(complex(one) for one in column) for column in zip(*inside, strict=True)))
-
-
-def turned(fleet: Fleet, name: str) -> float:
-    """Error of a robot's heading in its own belief [rad]."""
-    agent, _ = fleet.agents[name]
-    return cmath.phase(agent.here.state.measured / fleet.robots[name][0].plant(name).heading)

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from formation.control.arrays import FloatArray
 from formation.mission.model import Mission
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
-from formation.simulation.simulate import Result, simulate
+from formation.simulation.simulate import simulate
 from tests.campaigns.bench import lower_bound
 from tests.campaigns.bench.control_trials import circling_chain, drawn, six_robots, varied
 from tests.support.fleet import Fleet
@@ -44,15 +43,11 @@ def ramped(mission: Mission, ramp: float | None) -> Mission:
     return varied(mission, robots={name: {**one, "ramp": ramp} for name, one in robots.items()})
 
 
-def said(ramp: float | None) -> str:
-    return "" if ramp == 0.0 else ", with the ramp"
-
-
 def settling(use: str, ramp: float | None) -> str:
     mission, options = ramped(used(six_robots(), use), ramp), Options(avoid=False)
     result = simulate(mission, runs=1000, seed=1, horizon=40.0, starts="random", options=options)
     ratio = result.settling_time / lower_bound.by_distance(mission, drawn(mission, 1000, 1))
-    return f"{np.nanmedian(ratio):.2f}x, 95 % {np.nanquantile(ratio, 0.95):.2f}x of the bound{said(ramp)}"
+    return f"{np.nanmedian(ratio):.2f}x, 95 % {np.nanquantile(ratio, 0.95):.2f}x of the bound"
 
 
 def fast_leader(use: str, ramp: float | None) -> str:
@@ -61,7 +56,7 @@ def fast_leader(use: str, ramp: float | None) -> str:
     result = simulate(mission, runs=100, seed=1, horizon=200.0, starts="random", options=Options(avoid=False))
     share, times = result.converged.mean(), result.settling_time
     found = f"median {np.nanmedian(times):.1f} s, last {np.nanmax(times):.0f} s"
-    return f"{100 * share:.0f} % settle behind a leader at 95 %, {found}{said(ramp)}"
+    return f"{100 * share:.0f} % settle behind a leader at 95 %, {found}"
 
 
 def noise(use: str) -> str:
@@ -76,25 +71,17 @@ def noise(use: str) -> str:
     return f"{' '.join(found)} cm left by 1, 2, 5, 10, 20 mm of noise"
 
 
-def last_edge(mission: Mission, result: Result) -> FloatArray:
-    """Error of the last robot beside the one before it [m], over time."""
-    history = result.history
-    assert history is not None
-    points = history.position[:, -2:] + np.array(history.offset)[-2:] * history.heading[:, -2:]
-    slots = mission.slots()
-    error: FloatArray = np.abs(points[:, 0] - points[:, 1] - slots[-2] + slots[-1])
-    return error
-
-
 def chain(use: str, followers: int, body: str, delay: float) -> str:
     """A chain on a circle, after 100 s."""
     mission = used(circling_chain(followers), use)
     if body != "ideal":
         mission = varied(mission, collisions={**ALONE, "lag": 0.1})
     options = Options(delay=delay, body=BODIES[body], avoid=False)
-    result = simulate(mission, horizon=120.0, options=options, keep=True)
-    assert result.history is not None
-    error = last_edge(mission, result)[result.history.time > 100.0].mean()
+    history = simulate(mission, horizon=120.0, options=options, keep=True).history
+    assert history is not None
+    points = history.points[history.time > 100.0, -2:]
+    slots = mission.slots()
+    error = np.abs(points[:, 0] - points[:, 1] - slots[-2] + slots[-1]).mean()
     return f"{100 * error:.3f} cm at hop {followers}, {body}, {delay:g} s late"
 
 
@@ -103,7 +90,7 @@ def corner(use: str, ramp: float | None) -> str:
     mission = ramped(used(six_robots("square of 5 m"), use), ramp)
     result = simulate(mission, horizon=120.0, options=Options(avoid=False))
     peak = result.error[result.time > 15.0].max()
-    return f"{100 * peak:.2f} cm at a square's corners{said(ramp)}"
+    return f"{100 * peak:.2f} cm at a square's corners"
 
 
 def production(use: str) -> str:
@@ -117,9 +104,9 @@ def production(use: str) -> str:
 def main() -> None:
     for use in USES:
         print(f"{use}:")
-        for ramp in (0.0, None):
+        for ramp, said in ((0.0, ""), (None, ", with the ramp")):
             for part in (settling, fast_leader, corner):
-                print(f"  {part(use, ramp)}", flush=True)
+                print(f"  {part(use, ramp)}{said}", flush=True)
         for other in (noise, production):
             print(f"  {other(use)}", flush=True)
         for followers, body in ((12, "ideal"), (50, "TurtleBots")):

@@ -9,7 +9,6 @@ network are made up.
 
 from __future__ import annotations
 
-import argparse
 import heapq
 import itertools
 import json
@@ -18,6 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from unittest.mock import patch
 
 from formation.agent.persistence.restore import Restorer
@@ -32,6 +32,7 @@ from formation.topics import ORDER
 from formation.transport import asking
 from formation.transport.mailbox import Reply
 from formation.wire import Now
+from tests.campaigns.figures import worded
 from tests.support.fleet import EPOCH, Fleet
 
 MISSION = parse(
@@ -65,15 +66,14 @@ heading_deg = 0
 LEADER = "leader"
 """What the fleet calls the leader's process."""
 PARTIES = (LEADER, "deputy", *MISSION.followers)
-TIMINGS = 1000
 
 
+@dataclass
 class OpenQuestion:
     """A question on its way, and its answers."""
 
-    def __init__(self) -> None:
-        self.replies: list[Reply] = []
-        self.over = False
+    replies: list[Reply] = field(default_factory=list)
+    over: bool = False
 
 
 class Console:
@@ -98,8 +98,7 @@ class Console:
         if do == "run":
             self.obliged.clear()
         with self._in_virtual_time():
-            give = getattr(asking, "give", asking.ask)
-            outcome: Outcome = give(self.put, asking.addressed(MISSION, do), request, seconds)
+            outcome = asking.give(self.put, asking.addressed(MISSION, do), request, seconds)
         if do in {"stop", "hold"}:
             obey = {name for name, one in outcome.answers.items() if one.reply.ok}
             self.obliged |= obey & set(MISSION.followers)
@@ -119,11 +118,10 @@ class Console:
 
     def check(self) -> None:
         for name in self.obliged:
-            state = self.fleet.agents[name].decision.state
-            settled = (
-                not self.fleet.nodes[name].alive or state is not AgentState.RUN or self._just_asked(name)
-            )
-            assert settled, f"{name} was set going at {self.fleet.now:.2f} s"
+            agent = self.fleet.agents[name]
+            runs = self.fleet.nodes[name].alive and agent.decision.state is AgentState.RUN
+            # where its latch is closed, its next step will obey
+            assert not runs or agent.latch.mode is not None, f"{name} was set going at {self.fleet.now:.2f} s"
 
     def put(self, key: str, payload: bytes, timeout: float) -> OpenQuestion:
         """On the way to everybody whom `key` addresses."""
@@ -152,10 +150,6 @@ class Console:
         answer = Reply(ORDER.key(result.robot), reply, 1.0)
         self._later(self.draw.uniform(0.001, self.slowest), lambda: requested.replies.append(answer))
 
-    def _just_asked(self, name: str) -> bool:
-        """Whether its latch is closed, and its next step will obey."""
-        return self.fleet.agents[name].latch.mode is not None
-
     def _addressed(self, key: str) -> Iterable[str]:
         if key == ORDER.pattern.format(robot="*"):
             return PARTIES
@@ -165,13 +159,10 @@ class Console:
     def _later(self, wait: float, happens: Callable[[], None]) -> None:
         heapq.heappush(self._flight, (self.fleet.now + wait, next(self._serial), happens))
 
-    def time(self) -> float:
-        return EPOCH + self.fleet.now
-
     @contextmanager
     def _in_virtual_time(self) -> Iterator[None]:
         class Clock:
-            time = staticmethod(self.time)
+            time = staticmethod(lambda: EPOCH + self.fleet.now)
             sleep = staticmethod(self.run)
 
         with (
@@ -184,11 +175,13 @@ class Console:
 
 def restart(fleet: Fleet, name: str) -> None:
     """A new process, which finds what an agent's has kept."""
-    kept = None if name in fleet.candidates else json.dumps(Restorer(fleet.agents[name], "boot").stops)
+    if name in fleet.candidates:
+        fleet.restart(name)
+        return
+    kept = json.dumps(Restorer(fleet.agents[name], "boot").stops).encode()
     fleet.restart(name)
-    if kept is not None:
-        now = Now(fleet.now, EPOCH + fleet.now)
-        Restorer(fleet.agents[name], "boot").take_stops(kept.encode(), now, "stops")
+    now = Now(fleet.now, EPOCH + fleet.now)
+    Restorer(fleet.agents[name], "boot").take_stops(kept, now, "stops")
 
 
 def driving(draw: random.Random) -> Console:
@@ -271,9 +264,8 @@ def run_before_a_stop_is_void(draw: random.Random) -> None:
     if draw.random() < 0.5:
         console.give("stop")
         console.give("release")
-    old = [payload for payload in console.received if order.decode(OperatorRequest, payload).do == "release"]
     console.give("run", 0.3)
-    old += [payload for payload in console.received if order.decode(OperatorRequest, payload).do == "run"]
+    old = [one for one in console.received if order.decode(OperatorRequest, one).do in {"release", "run"}]
     console.run(draw.uniform(0.0, 0.5))
     others.give(draw.choice(["stop", "hold"]))
     for _ in range(4):
@@ -315,12 +307,8 @@ SCENARIOS = (
 
 
 def main() -> int:
-    flags = argparse.ArgumentParser(
-        "tests.campaigns.timings.orders",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    flags.add_argument("timings", metavar="TIMINGS", nargs="?", type=int, default=TIMINGS)
+    flags = worded(__doc__)
+    flags.add_argument("timings", metavar="TIMINGS", nargs="?", type=int, default=1000)
     timings, failed = flags.parse_args().timings, 0
     for scenario in SCENARIOS:
         began, wrong = time.monotonic(), list[str]()
@@ -328,15 +316,10 @@ def main() -> int:
             try:
                 scenario(random.Random(f"{scenario.__name__} {seed}"))
             except AssertionError as error:
-                wrong.append(f"{seed}: {str(error).splitlines()[0] if str(error) else 'assertion'}")
+                wrong.append(f"{seed}: {(str(error) or 'assertion').splitlines()[0]}")
         failed += len(wrong)
-        took = time.monotonic() - began
-        print(
-            f"{scenario.__name__}: {timings - len(wrong)} of {timings} ({took:.0f} s)",
-            *wrong[:5],
-            sep="\n  ",
-            flush=True,
-        )
+        well = f"{scenario.__name__}: {timings - len(wrong)} of {timings} ({time.monotonic() - began:.0f} s)"
+        print(well, *wrong[:5], sep="\n  ", flush=True)
     return 1 if failed else 0
 
 
