@@ -57,10 +57,8 @@ def neighbours(*names: str) -> list[Neighbour]:
     return [Neighbour(SIX, name, 20.0, answers=True) for name in names]
 
 
-def take(
-    other: Neighbour, stamp: float, mono: float, *, answered: bool = False
-) -> tuple[float, float] | None:
-    """Whether `other` is unanswered after a position that was received at `mono` [s]."""
+def take(other: Neighbour, stamp: float, mono: float, *, answered: bool = False) -> object:
+    """How late `other` may be after a position that was received at `mono` [s]; None if it answers."""
     now = Now(mono, 99.0 + mono)
     other.take_position(Pose(stamp, 0j, 1 + 0j), mono, now, answered=answered)
     return other.unanswered(now)

@@ -22,6 +22,11 @@ every_rest = pytest.mark.parametrize("rest", GO)
 Scenario = Callable[[random.Random], None]
 
 
+@pytest.fixture
+def latch() -> Latch:
+    return Latch("robot1")
+
+
 def named(do: Do, rest: Rest) -> tuple[str, ...]:
     """What a request names: a release or a run all that is in force."""
     return tuple(filter(None, (rest.stop, rest.hold))) if do in {"release", "run"} else ()
@@ -41,8 +46,7 @@ def ask(
     return decode(OperatorReply, latch.request(request, received, "run"))
 
 
-def test_a_repeated_release_does_not_end_a_later_stop() -> None:
-    latch = Latch("robot1")
+def test_a_repeated_release_does_not_end_a_later_stop(latch: Latch) -> None:
     ask(latch, "stop", "a")
     first = ask(latch, "release", "b")
     assert ask(latch, "stop", "c").mode == latch.mode == "stop"
@@ -51,8 +55,7 @@ def test_a_repeated_release_does_not_end_a_later_stop() -> None:
     assert ask(latch, "release", "d").mode == "hold"
 
 
-def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
-    latch = Latch("robot1")
+def test_a_release_leaves_a_hold_that_only_run_ends(latch: Latch) -> None:
     ask(latch, "hold", "h")
     ask(latch, "stop", "s")
     assert ask(latch, "run").code == "stopped"
@@ -66,16 +69,14 @@ def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
 
 
 @every_rest
-def test_a_release_or_run_must_name_what_it_ends(rest: Do) -> None:
-    latch = Latch("robot1")
+def test_a_release_or_run_must_name_what_it_ends(latch: Latch, rest: Do) -> None:
     ask(latch, rest, rest)
     replies = [ask(latch, GO[rest], of, ends=ends) for of, ends in (("u", ()), ("a", ("older",)))]
     assert [(one.ok, one.code) for one in replies] == [(False, "unnamed"), (False, "another")]
     assert latch.mode == rest
 
 
-def test_a_query_tells_ids_and_changes_nothing() -> None:
-    latch = Latch("robot1")
+def test_a_query_tells_ids_and_changes_nothing(latch: Latch) -> None:
     ask(latch, "hold", "h")
     ask(latch, "stop", "s")
     reply = ask(latch, "query")
@@ -84,8 +85,7 @@ def test_a_query_tells_ids_and_changes_nothing() -> None:
 
 @pytest.mark.parametrize("code", sorted(UNREACHED))
 @every_rest
-def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
-    latch = Latch("robot1")
+def test_unreachable_stop_is_latched_and_not_ok(latch: Latch, rest: Do, code: Code) -> None:
     request = OperatorRequest(do=rest, id="s")
     reply = decode(OperatorReply, latch.request(request, 0.0, "run", code))
     assert (reply.ok, reply.code, latch.mode) == (False, code, rest)
@@ -94,8 +94,7 @@ def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
 
 
 @pytest.mark.parametrize("of", ["", "different every time"])
-def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) -> None:
-    latch = Latch("robot1")
+def test_requests_without_a_name_or_with_another_one_are_each_obeyed(latch: Latch, of: str) -> None:
     for number in range(MAX_REMEMBERED_REQUESTS + 2):
         of = of and f"{number}"
         ask(latch, "stop", of and f"{of}s")
@@ -107,8 +106,7 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
 
 
 @every_rest
-def test_a_shape_is_not_an_agents_to_change_and_releases_nothing(rest: Do) -> None:
-    latch = Latch("robot1")
+def test_a_shape_is_not_an_agents_to_change_and_releases_nothing(latch: Latch, rest: Do) -> None:
     ask(latch, rest)
     reply = decode(OperatorReply, latch.request(OperatorRequest(do="shape", shape="line"), 0.0, "run"))
     assert (reply.ok, latch.mode, reply.mode) == (False, rest, rest)
@@ -116,8 +114,7 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing(rest: Do) -> No
 
 
 @every_rest
-def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
-    latch = Latch("robot1")
+def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(latch: Latch, rest: Do) -> None:
     assert ask(latch, "release", "1", received=10.0).mode == "run"
     assert ask(latch, rest, "1", received=20.0).mode == latch.mode == rest
     again = ask(latch, "release", "1", received=30.0, age=20.0)
@@ -126,8 +123,7 @@ def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
 
 
 @every_rest
-def test_new_stop_with_reused_id_is_obeyed(rest: Do) -> None:
-    latch = Latch("robot1")
+def test_new_stop_with_reused_id_is_obeyed(latch: Latch, rest: Do) -> None:
     ask(latch, rest, "s", received=1.0)
     ask(latch, "release", "r", received=5.0)
     assert ask(latch, rest, "s", received=60.0).mode == latch.mode == rest
@@ -137,8 +133,8 @@ def test_new_stop_with_reused_id_is_obeyed(rest: Do) -> None:
 
 
 @every_rest
-def test_a_repeated_rest_does_not_override_a_later_run(rest: Do) -> None:
-    latch, modes = Latch("robot1"), []
+def test_a_repeated_rest_does_not_override_a_later_run(latch: Latch, rest: Do) -> None:
+    modes = []
     for age in (0.0, 0.05, 0.1, 0.2):
         ask(latch, rest, "mine", 100.0 + age, age)
         modes.append(latch.mode)
@@ -159,16 +155,15 @@ def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> No
 @pytest.mark.parametrize(
     ("do", "known"), [("hold", True), ("run", True), ("stop", False), ("release", False)]
 )
-def test_startup_stop_reason_remains_until_release_or_repetition(do: Do, known: bool) -> None:
-    latch = Latch("robot1")
+def test_startup_stop_reason_remains_until_release_or_repetition(latch: Latch, do: Do, known: bool) -> None:
     latch.state.rest.stop, latch.state.why = "doubt", reasons.Reason(reasons.Code.STOPPED_BEFORE_START)
     ask(latch, do)
     assert bool(latch.state.why) is known
 
 
 @every_rest
-def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
-    latch, go = Latch("robot1"), GO[rest]
+def test_a_release_or_run_older_than_the_rest_is_refused(latch: Latch, rest: Do) -> None:
+    go = GO[rest]
     ask(latch, rest, received=100.0)
     for received in (110.0, 200.0):  # it is put again, and goes on being too late
         reply = ask(latch, go, "late", received, age=10.5)
@@ -187,15 +182,15 @@ def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
         (110.0, 10.0 - 1.2 * TRAVEL_TIME, True),
     ],
 )
-def test_release_requested_after_stop_counts_when_late(received: float, age: float, ok: bool) -> None:
-    latch = Latch("robot1")
+def test_release_requested_after_stop_counts_when_late(
+    latch: Latch, received: float, age: float, ok: bool
+) -> None:
     ask(latch, "stop", received=100.0)
     assert ask(latch, "release", "late", received, age).ok is ok
     assert latch.mode == ("hold" if ok else "stop")
 
 
-def test_stop_counts_from_its_request_despite_later_answer() -> None:
-    latch = Latch("robot1")
+def test_stop_counts_from_its_request_despite_later_answer(latch: Latch) -> None:
     ask(latch, "stop", received=99.9)  # while its process hung
     ask(latch, "hold", received=50.0)  # and the stop is no older for that
     assert not ask(latch, "release", "late", 100.0, age=5.0).ok
