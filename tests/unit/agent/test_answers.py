@@ -103,7 +103,8 @@ def test_an_answer_counts_until_messages_pause() -> None:
 
 @pytest.mark.parametrize("ahead", [-0.4, -0.001, 0.0, 0.001, 0.4])
 def test_clocks_that_differ_by_little_need_no_answer(ahead: float) -> None:
-    assert take(*neighbours("robot3"), 100.0 + ahead, 1.0) is None
+    (other,) = neighbours("robot3")
+    assert take(other, 100.0 + ahead, 1.0) is None
 
 
 def test_what_is_kept_of_own_messages_is_bounded() -> None:
