@@ -90,7 +90,7 @@ def blocked(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its wheels do not turn, whatever it is told."""
     plant = fleet.world._hosted[name].plant
     obey = plant.obey
-    plant.obey = lambda command: obey(AT_REST)  # type: ignore[method-assign]
+    plant.obey = lambda _: obey(AT_REST)  # type: ignore[method-assign, assignment]
     obey(AT_REST)
     return lambda: setattr(plant, "obey", obey)
 
