@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 
 from formation.agent.safety.scanner import Scanner
 from formation.control.pipeline import protected
-from formation.control.unicycle import Command, advance, driven
+from formation.control.unicycle import AT_REST, Command, advance, driven
 from formation.mission.file import parse, read
 from formation.mission.model import Mission
 from formation.ros2.messages import LaserScan, decode, encode
@@ -78,18 +78,16 @@ class Robot:
         Without `odometry` nobody says how it moves. Its wheels `lag`, and the mission says so.
         """
         self.scanner = Scanner(mission(scan=f", rate = {rate}, x = {-behind}", lag=lag), "robot2")
-        self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, Command(0.0, 0.0), 0.0
-        self.discs, self.walls, self.way = discs, walls, way
-        self.device = Device(**device)  # type: ignore[arg-type]
-        self.rng = random.Random(3)
-        self.nearest = math.inf
+        self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, AT_REST, 0.0
+        self.discs, self.walls, self.way, self.nearest = discs, walls, way, math.inf
+        self.device, self.rng = Device(**device), random.Random(3)  # type: ignore[arg-type]
         self._every, self._missing, self._too_near = round(1.0 / rate / STEP), missing, too_near
-        self._behind, self._underway = behind, list[LaserScan]()
-        self._odometry, self._lag = odometry, lag
+        self._behind, self._odometry, self._lag = behind, odometry, lag
+        self._underway: list[LaserScan] = []
 
     def drive(self, wanted: Command, seconds: float) -> None:
         """Do as told, as far as the scans allow."""
-        command = Command(0.0, 0.0)
+        command = AT_REST
         for _ in range(round(seconds / STEP)):
             tick = round(self.time / STEP)
             if tick % self._every == 0 and tick // self._every not in self._missing:
@@ -117,8 +115,7 @@ class Robot:
     def look(self) -> LaserScan:
         sits = self.position - self._behind * self.heading
         true = cast(sits, self.heading, self.discs, self.walls, 360)
-        normal = [self.rng.gauss(0.0, 1.0) for _ in true]
-        uniform = [self.rng.random() for _ in true]
+        normal, uniform = [self.rng.gauss(0.0, 1.0) for _ in true], [self.rng.random() for _ in true]
         says = [
             self._too_near if there < self.device.range_min else result
             for there, result in zip(true, measured(true, self.device, normal, uniform), strict=True)

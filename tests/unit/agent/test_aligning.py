@@ -55,10 +55,9 @@ def test_nothing_is_aligned_before_odometry() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_observed_heading_turns_along(law: str) -> None:
-    mission = load("six_robots")
-    here = Localisation(mission, "robot3", LAWS[law])
-    for tick in range(3):
-        here.update_pose(odometry(0j, 1.0 + 0.0j, at(PERIOD * tick).wall), PERIOD * tick, at(PERIOD * tick))
+    here = Localisation(load("six_robots"), "robot3", LAWS[law])
+    for now in (at(PERIOD * tick) for tick in range(3)):
+        here.update_pose(odometry(0j, 1.0 + 0.0j, now.wall), now.mono, now)
     before, course = here.state.estimate, here.state.course
     for _ in range(1000):
         here.align(here.state.position, 1j)

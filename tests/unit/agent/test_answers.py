@@ -28,8 +28,7 @@ BOUND = MAX_ANSWER_DELAYS * MAX_DELAY
 @pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 @pytest.mark.parametrize("late", [0.8, *slow(1.2, 2.0, 3.0)])
 def test_robots_with_late_neighbours_hold_without_touching(late: float, seed: int) -> None:
-    mission = elsewhere(SIX, np.random.default_rng(seed))
-    fleet = Fleet(mission, seed=seed, delay=(late, late + 0.001))
+    fleet = Fleet(elsewhere(SIX, np.random.default_rng(seed)), seed=seed, delay=(late, late + 0.001))
     assert room(fleet, 12.0) > 0.0
     for agent in fleet.agents.values():
         assert agent.decision.state is AgentState.HOLD
@@ -54,9 +53,15 @@ def test_robots_hold_beside_one_with_a_wrong_clock_that_hears_nothing() -> None:
         assert "robot3 by +3600.0 s" in str(decision.reason)
 
 
-def received(answerer: str, rate: float = 20.0) -> tuple[Answers, Neighbour]:
-    other = Neighbour(SIX, answerer, rate, answers=True)
-    return Answers(SIX, "robot2", [other]), other
+def neighbours(*names: str) -> list[Neighbour]:
+    return [Neighbour(SIX, name, 20.0, answers=True) for name in names]
+
+
+def take(other: Neighbour, stamp: float, mono: float, *, answered: bool = False) -> object:
+    """How late `other` may be after a position that was received at `mono` [s]; None if it answers."""
+    now = Now(mono, 99.0 + mono)
+    other.take_position(Pose(stamp, 0j, 1 + 0j), mono, now, answered=answered)
+    return other.unanswered(now)
 
 
 @pytest.mark.parametrize(
@@ -73,44 +78,37 @@ def received(answerer: str, rate: float = 20.0) -> tuple[Answers, Neighbour]:
 def test_only_a_recent_position_of_this_robot_answers(
     answerer: str, age: float, robot: str, stamp: float, young: bool
 ) -> None:
-    mine, _ = received("robot3")
+    mine = Answers(SIX, "robot2", neighbours("robot3"))
     mine.record_sent(100.0, 5.0)
     assert mine.answered(answerer, ReceivedPosition(robot=robot, stamp=stamp), 5.0 + age) is young
 
 
 def test_each_robot_that_was_heard_is_named_in_turn() -> None:
-    each = [Neighbour(SIX, name, 20.0, answers=True) for name in ("robot3", "robot4", "robot5")]
+    each = neighbours("robot3", "robot4", "robot5")
     mine = Answers(SIX, "robot2", each)
     assert mine.next_named() is None
     for one in each[:2]:
-        one.take_position(Pose(100.0, 0j, 1 + 0j), 1.0, Now(1.0, 100.0))
-    named = {mine.next_named() for _ in range(4)}
-    assert named == {
-        ReceivedPosition(robot="robot3", stamp=100.0),
-        ReceivedPosition(robot="robot4", stamp=100.0),
-    }
+        take(one, 100.0, 1.0)
+    heard = {ReceivedPosition(robot=name, stamp=100.0) for name in ("robot3", "robot4")}
+    assert {mine.next_named() for _ in range(4)} == heard
 
 
 def test_an_answer_counts_until_messages_pause() -> None:
-    _, other = received("robot3")
-    other.take_position(Pose(10.0, 0j, 1 + 0j), 1.0, Now(1.0, 100.0), answered=True)
-    other.take_position(Pose(10.05, 0j, 1 + 0j), 1.05, Now(1.05, 100.05))
-    assert other.unanswered(Now(1.05, 100.05)) is None
-    other.take_position(Pose(20.0, 0j, 1 + 0j), 11.0, Now(11.0, 110.0))
-    assert other.unanswered(Now(11.0, 110.0)) == pytest.approx((90.0, MAX_DELAY))
-    other.take_position(Pose(20.05, 0j, 1 + 0j), 11.05, Now(11.05, 110.05), answered=True)
-    assert other.unanswered(Now(11.05, 110.05)) is None
+    (other,) = neighbours("robot3")
+    assert take(other, 10.0, 1.0, answered=True) is None
+    assert take(other, 10.05, 1.05) is None
+    assert take(other, 20.0, 11.0) == pytest.approx((90.0, MAX_DELAY))
+    assert take(other, 20.05, 11.05, answered=True) is None
 
 
 @pytest.mark.parametrize("ahead", [-0.4, -0.001, 0.0, 0.001, 0.4])
 def test_clocks_that_differ_by_little_need_no_answer(ahead: float) -> None:
-    _, other = received("robot3")
-    other.take_position(Pose(100.0 + ahead, 0j, 1 + 0j), 1.0, Now(1.0, 100.0))
-    assert other.unanswered(Now(1.0, 100.0)) is None
+    (other,) = neighbours("robot3")
+    assert take(other, 100.0 + ahead, 1.0) is None
 
 
 def test_what_is_kept_of_own_messages_is_bounded() -> None:
-    mine, _ = received("robot3")
+    mine = Answers(SIX, "robot2", neighbours("robot3"))
     for k in range(10_000):
         mine.record_sent(float(k), 0.05 * k)
     assert len(mine.state.sent) <= 20.0 * BOUND + 2

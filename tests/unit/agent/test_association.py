@@ -54,24 +54,29 @@ def outcomes(segments: Sequence[Segment], *robots: Candidate) -> Mapping[str, Ou
     return {name: one.outcome for name, one in associate(scan, robots, fit).items()}
 
 
-def test_robot_at_its_place_is_seen() -> None:
-    assert outcomes([body(0.5, 1.0)], expected("a", 0.5, 1.0)) == {"a": Outcome.SEEN}
+A, ELSEWHERE = expected("a", 0.5, 1.0), body(3.0, 1.0)
 
 
-def test_nothing_in_sight_says_nothing() -> None:
-    assert outcomes([], expected("a", 0.5, 1.0)) == {"a": Outcome.HIDDEN}
-
-
-ELSEWHERE = body(3.0, 1.0)
-
-
-def test_no_beam_from_an_empty_place_is_missing() -> None:
-    assert outcomes([ELSEWHERE], expected("a", 0.5, 1.0)) == {"a": Outcome.MISSING}
-
-
-@pytest.mark.parametrize("nearer", [body(0.5, 0.5), body(0.3, 0.9), body(0.5, 1.0, 0.01)])
-def test_hidden_robot_is_not_missing(nearer: Segment) -> None:
-    assert outcomes([ELSEWHERE, nearer], expected("a", 0.5, 1.0)) != {"a": Outcome.MISSING}
+@pytest.mark.parametrize(
+    ("segments", "outcome"),
+    [
+        pytest.param([body(0.5, 1.0)], Outcome.SEEN, id="at its place"),
+        pytest.param([], Outcome.HIDDEN, id="nothing in sight"),
+        pytest.param([ELSEWHERE], Outcome.MISSING, id="no beam from an empty place"),
+        pytest.param([ELSEWHERE, body(0.5, 0.5)], Outcome.HIDDEN, id="body before it"),
+        pytest.param([ELSEWHERE, body(0.3, 0.9)], Outcome.ABSENT, id="same body beside it and nearer"),
+        pytest.param([ELSEWHERE, body(0.5, 1.0, 0.01)], Outcome.HIDDEN, id="pole at its place"),
+        pytest.param([body(0.5, 0.5), wall(2.0)], Outcome.HIDDEN, id="body before it, wall behind"),
+        pytest.param([wall(2.0)], Outcome.ABSENT, id="wall behind an empty place"),
+        pytest.param([body(0.8, 1.0)], Outcome.ABSENT, id="same body beside an empty place"),
+        pytest.param([body(0.5, 1.0, 0.16)], Outcome.UNCLEAR, id="wide post"),
+        pytest.param(
+            [body(0.5, 1.0)._replace(free=False), body(0.45, 1.3)], Outcome.UNCLEAR, id="partly hidden rival"
+        ),
+    ],
+)
+def test_outcome_for_one_robot(segments: Sequence[Segment], outcome: Outcome) -> None:
+    assert outcomes(segments, A) == {"a": outcome}
 
 
 def test_robot_outside_of_view_is_not_missing() -> None:
@@ -79,34 +84,13 @@ def test_robot_outside_of_view_is_not_missing() -> None:
     assert associate(scan, [one], lambda *_: math.inf)["a"].outcome is Outcome.HIDDEN
 
 
-def test_robot_behind_a_nearer_body_is_hidden() -> None:
-    assert outcomes([body(0.5, 0.5), wall(2.0)], expected("a", 0.5, 1.0)) == {"a": Outcome.HIDDEN}
-
-
-def test_wall_behind_an_empty_place_shows_absence() -> None:
-    assert outcomes([wall(2.0)], expected("a", 0.5, 1.0)) == {"a": Outcome.ABSENT}
-
-
-def test_same_body_beside_an_empty_place_shows_absence() -> None:
-    assert outcomes([body(0.8, 1.0)], expected("a", 0.5, 1.0)) == {"a": Outcome.ABSENT}
-
-
 def test_body_beside_is_another_known_robot() -> None:
-    seen = outcomes([body(0.8, 1.0)], expected("a", 0.5, 1.0), expected("b", 0.8, 1.0))
+    seen = outcomes([body(0.8, 1.0)], A, expected("b", 0.8, 1.0))
     assert seen == {"a": Outcome.HIDDEN, "b": Outcome.SEEN}
 
 
 def test_far_robot_is_not_expected_to_be_seen() -> None:
     assert outcomes([wall(3.49)], expected("a", 0.5, 3.4)) == {"a": Outcome.HIDDEN}
-
-
-def test_wide_post_is_not_taken_for_a_robot() -> None:
-    assert outcomes([body(0.5, 1.0, 0.16)], expected("a", 0.5, 1.0)) == {"a": Outcome.UNCLEAR}
-
-
-def test_partly_hidden_body_is_a_rival() -> None:
-    part = body(0.5, 1.0)._replace(free=False)
-    assert outcomes([part, body(0.45, 1.3)], expected("a", 0.5, 1.0)) == {"a": Outcome.UNCLEAR}
 
 
 @given(st.floats(0.6, 2.0), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))

@@ -28,9 +28,9 @@ FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)), r
 PATROL = load("patrol").model_copy(update={"cohesion": None})
 
 
-def changed(mission: Mission, **robots: Any) -> Mission:
-    changed = {name: one.model_copy(update=robots) for name, one in mission.robots.items()}
-    return mission.model_copy(update={"robots": changed})
+def changed(mission: Mission, **robot: Any) -> Mission:
+    robots = {name: one.model_copy(update=robot) for name, one in mission.robots.items()}
+    return mission.model_copy(update={"robots": robots})
 
 
 LONERS = changed(SIX, avoid=())
@@ -39,18 +39,12 @@ LONERS = changed(SIX, avoid=())
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "fleet",
-    [
-        lambda: Fleet(CROSSING),
-        lambda: Fleet(CROSSING, loss=0.2, seed=1),
-        lambda: Fleet(CROSSING, delay=(0.05, 0.15), seed=2),
-    ],
-    ids=["good air", "lossy air", "late air"],
+    "air", [{}, {"loss": 0.2, "seed": 1}, {"delay": (0.05, 0.15), "seed": 2}], ids=["good", "lossy", "late"]
 )
-def test_robots_starting_in_exchanged_slots_form_without_contact(fleet: Any) -> None:
-    team = fleet()
-    assert room(team, 30.0) > 0.0
-    assert team.error() < SIX.settled
+def test_robots_starting_in_exchanged_slots_form_without_contact(air: dict[str, Any]) -> None:
+    fleet = Fleet(CROSSING, **air)
+    assert room(fleet, 30.0) > 0.0
+    assert fleet.error() < SIX.settled
 
 
 def test_to_slow_down_for_a_body_waits_for_no_ramp() -> None:
@@ -64,9 +58,7 @@ def test_without_the_filter_they_would_touch() -> None:
 def test_warn_mode_reports_avoiding_without_changing_commands() -> None:
     warns, off = (Fleet(scenarios.exchanged(FILE, avoid=(), mode=mode)) for mode in ("warn", "off"))
     avoiding = set()
-    for _ in range(20):
-        warns.run(0.25)
-        off.run(0.25)
+    for _ in zip(warns.every(0.25, 5.0), off.every(0.25, 5.0), strict=True):
         statuses = [warns.status(name) for name in FILE.followers]
         assert {one.collisions for one in statuses} == {CollisionMode.WARN, None}
         avoiding |= {one.avoiding for one in statuses}
@@ -95,8 +87,7 @@ def test_status_lists_avoided_and_unheard_robots() -> None:
 
 
 def test_robot_that_measures_only_the_leader_avoids_none() -> None:
-    fleet = Fleet(LONERS).after(2.0)
-    assert fleet.status("robot2").collisions is None
+    assert Fleet(LONERS).after(2.0).status("robot2").collisions is None
 
 
 @pytest.mark.slow
@@ -118,20 +109,11 @@ def test_a_robot_that_died_in_front_is_driven_round() -> None:
 def test_dead_robot_ahead_is_never_hit(
     speed: float, top: float, rate: float, coasts: float, measurement: str
 ) -> None:
-    mission = team(
-        {"robot1": ("leader",), "robot2": ("leader",)},
-        avoid="all",
-        max_speed=top,
-        rate=rate,
-        measurement=measurement,
-    )
+    both = {"robot1": ("leader",), "robot2": ("leader",)}
+    mission = team(both, avoid="all", max_speed=top, rate=rate, measurement=measurement)
     row = {"robot1": (-0.8, 0.0), "robot2": (-1.5, 0.0)}
-    fleet = Fleet(
-        mission.model_copy(
-            update={"shapes": {"row": row}, "route": (Straight(speed=speed, heading_deg=0.0),)}
-        )
-    )
-    fleet.run(8.0)
+    route = (Straight(speed=speed, heading_deg=0.0),)
+    fleet = Fleet(mission.model_copy(update={"shapes": {"row": row}, "route": route})).after(8.0)
     fleet.kill("robot1")
     fleet.run(coasts)
     fleet.plant("robot1").obey(AT_REST)

@@ -30,18 +30,30 @@ def moment(step: int) -> Now:
     return at(step * PERIOD)
 
 
-def inbox(step: int, me: Odometry | None = None) -> list[Sample]:
+def relayed(step: int, shape: str = "hexagon") -> bytes:
+    """What a neighbour attaches to its position."""
+    what = Order(term=1, beat=step, mode="run", shape=shape)
+    return order.encode(PositionAttachment(publisher_id="v", count=step, order=what, mission=SIX.tag))
+
+
+def inbox(step: int, me: Odometry | None = None, attachment: bytes | None = None) -> list[Sample]:
     """What a healthy team would send in one period."""
     mono, wall = moment(step)
-    result = Order(term=1, beat=step, mode="run", shape="hexagon")
-    relayed = order.encode(PositionAttachment(publisher_id="v", count=step, order=result, mission=SIX.tag))
-    way = 0.2 * mono
+    way, attached = 0.2 * mono, relayed(step) if attachment is None else attachment
     samples = [
-        Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
+        Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), attached, mono)
         for index, name in enumerate(NEIGHBOURS)
     ]
     me = me or Odometry(wall, way - 2, 1 + 0j, 0.2, 0.0)
     return [*samples, Sample(ODOM.key(ME), encode(me), None, mono)]
+
+
+def under_way() -> Agent:
+    """An agent that a healthy team has accompanied for four periods."""
+    agent = Agent(SIX, ME)
+    for step in range(4):
+        agent.step(moment(step), inbox(step))
+    return agent
 
 
 def commands(outbox: list[Outgoing]) -> list[Twist]:
@@ -63,10 +75,7 @@ def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
 def is_harmless(sample: Sample) -> bool:
     """Whether the mutation made something that is not a legal message for its key (most, but not all, do)."""
     try:
-        if sample.key == ODOM.key(ME):
-            decode(Odometry, sample.payload)
-        else:
-            decode(Pose, sample.payload)
+        decode(Odometry if sample.key == ODOM.key(ME) else Pose, sample.payload)
     except ValueError:
         return True
     return sample.key not in {ODOM.key(ME), *(POSITION.key(name) for name in NEIGHBOURS)}
@@ -132,33 +141,23 @@ def test_status_stays_short_with_a_hundred_neighbours() -> None:
     [
         b"",
         b"{}",
-        b"\xff\xfe",
         b"[" * 900,
         b'{"publisher_id": "v", "count": -1}',
         b'{"publisher_id": "v v", "count": 9}',
         b'{"publisher_id": "v", "count": 9, "more": 1}',
         b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":99, "mode":"fly", "shape":"hexagon"}}',
-        b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":-1, "mode":"run", "shape":"hexagon"}}',
-        b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":1e400, "mode":"run", "shape":"hexagon"}}',
     ],
 )
 def test_position_without_publisher_id_is_dropped(attachment: bytes) -> None:
-    agent = Agent(SIX, ME)
-    for step in range(4):
-        agent.step(moment(step), inbox(step))
-    samples = [sample._replace(attachment=sample.attachment and attachment) for sample in inbox(4)]
-    agent.step(moment(4), samples)
+    agent = under_way()
+    agent.step(moment(4), inbox(4, attachment=attachment))
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.neighbours.each["robot1"].stream.state.arrived == moment(3).mono
 
 
 def test_unknown_shape_is_dropped_but_position_is_used() -> None:
-    agent = Agent(SIX, ME)
-    for step in range(4):
-        agent.step(moment(step), inbox(step))
-    unknown = Order(term=1, beat=4, mode="run", shape="banana")
-    banana = order.encode(PositionAttachment(publisher_id="v", count=4, order=unknown, mission=SIX.tag))
-    agent.step(moment(4), [sample._replace(attachment=sample.attachment and banana) for sample in inbox(4)])
+    agent = under_way()
+    agent.step(moment(4), inbox(4, attachment=relayed(4, "banana")))
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.decision.state is AgentState.RUN
     assert agent.neighbours.each["robot1"].stream.state.arrived == moment(4).mono

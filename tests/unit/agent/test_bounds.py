@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -10,15 +9,13 @@ import pytest
 from formation.mission.file import load
 from formation.mission.model import Bounds, Mission
 from formation.mission.route import Straight
-from formation.protocol import order
-from formation.protocol.order import OperatorRequest, Place
+from formation.protocol.order import Place
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Pose
 from formation.topics import POSITION
 from tests.support.fleet import Fleet
 from tests.support.meddling import altered, reordered
 from tests.support.missions import with_robots
-from tests.unit.leader.leading import ask
 
 SIX = load("six_robots")
 AT_REST = (0.0, 0.0)
@@ -28,8 +25,13 @@ def within(mission: Mission, x: tuple[float, float], y: tuple[float, float]) -> 
     return mission.model_copy(update={"bounds": Bounds(x=x, y=y)})
 
 
-def led(speed: float, degrees: float = 0.0, mission: Mission = SIX) -> Mission:
-    return mission.model_copy(update={"route": (Straight(speed=speed, heading_deg=degrees),)})
+def led(mission: Mission, speed: float, degrees: float = 0.0, duration: float | None = None) -> Mission:
+    leg = Straight(speed=speed, heading_deg=degrees, duration=duration)
+    return mission.model_copy(update={"route": (leg,)})
+
+
+STANDING = within(led(with_robots("six_robots", localisation="external"), 0.0), (-5.0, 10.0), (-5.0, 5.0))
+SQUARE = ((-6.0, 6.0), (-6.0, 6.0))
 
 
 def farthest(fleet: Fleet) -> float:
@@ -57,9 +59,7 @@ def test_false_leader_position_leads_no_robot_out() -> None:
     """Its orders are inside the bounds, its position goes out at 0.5 m/s."""
     fleet = Fleet(within(SIX, (-5.0, 12.0), (-4.0, 6.0)), seed=1).after(10.0)
     fleet.meddle = altered(
-        POSITION.key("robot1"),
-        Pose,
-        lambda pose: replace(pose, position=pose.position + 0.5 * (fleet.now - 10.0)),
+        POSITION.key("robot1"), Pose, lambda one: replace(one, position=one.position + 0.5 * fleet.now - 5.0)
     )
     fleet.run(30.0)
     assert farthest(fleet) < 0.0
@@ -70,7 +70,7 @@ def test_false_leader_position_leads_no_robot_out() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 135.0])
 def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
-    fleet = Fleet(within(led(0.6, degrees), (-6.0, 6.0), (-6.0, 6.0)), seed=2).after(20.0)
+    fleet = Fleet(within(led(SIX, 0.6, degrees), *SQUARE), seed=2).after(20.0)
     assert farthest(fleet) < 0.0
     assert fleet.error() < SIX.settled
     assert fleet.leader.plan.fenced
@@ -82,10 +82,10 @@ def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
 
 @pytest.mark.slow
 def test_team_at_the_bounds_can_be_led_back() -> None:
-    fleet = Fleet(within(led(0.6), (-6.0, 6.0), (-6.0, 6.0)), seed=2).after(14.0)
+    fleet = Fleet(within(led(SIX, 0.6), *SQUARE), seed=2).after(14.0)
     assert fleet.leader.plan.fenced
-    assert not ask(fleet.leader, b'{"do": "speed", "speed": 1.0, "degrees": 0}', fleet.now).ok
-    assert ask(fleet.leader, b'{"do": "speed", "speed": 0.5, "degrees": 180}', fleet.now).ok
+    assert not fleet.ask("robot1", "speed", speed=1.0, degrees=0.0).ok
+    assert fleet.ask("robot1", "speed", speed=0.5, degrees=180.0).ok
     fleet.run(5.0)
     assert fleet.leader.where(fleet.now).real < 4.0
     assert not fleet.leader.plan.fenced
@@ -93,8 +93,7 @@ def test_team_at_the_bounds_can_be_led_back() -> None:
 
 @pytest.mark.slow
 def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
-    mission = within(with_robots("six_robots", localisation="external"), (-5.0, 10.0), (-5.0, 5.0))
-    fleet = Fleet(led(0.0, mission=mission), seed=1).after(8.0)
+    fleet = Fleet(STANDING, seed=1).after(8.0)
     robot, home = fleet.plant("robot3"), fleet.plant("robot3").position
     robot.position = 0.0 + 7.5j
     fleet.run(5.0)
@@ -113,11 +112,8 @@ def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
 
 @pytest.mark.slow
 def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
-    mission = within(with_robots("six_robots", localisation="external"), (-5.0, 10.0), (-5.0, 5.0))
-    mission = mission.model_copy(
-        update={"simulated_robot": mission.simulated_robot.model_copy(update={"position_noise": 0.005})}
-    )
-    fleet = Fleet(led(0.0, mission=mission), seed=1).after(10.0)
+    noisy = STANDING.simulated_robot.model_copy(update={"position_noise": 0.005})
+    fleet = Fleet(STANDING.model_copy(update={"simulated_robot": noisy}), seed=1).after(10.0)
     fleet.plant("robot3").position = -1.5 + 5.0j
     fleet.run(1.0)
     states = {fleet.agents["robot3"].decision.state for _ in fleet.every(0.05, 3.0)}
@@ -126,38 +122,29 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
 
 def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
     fleet = Fleet(within(SIX, (-5.0, 25.0), (-4.0, 14.0)), seed=1).after(1.0)
-
-    def put(**what: object) -> tuple[bool, str]:
-        reply = ask(fleet.leader, order.encode(OperatorRequest.model_validate(what)), fleet.now)
-        return reply.ok, reply.reason
-
-    ok, reason = put(do="scale", factor=3.0)
-    assert not ok
-    assert reason.startswith("out of bounds: robot4's slot at x = -5.8")
-    assert reason.endswith("limit -4.6 m")
-    ok, reason = put(do="route", legs=({"waypoints": ((5.0, 0.0), (5.0, 20.0)), "speed": 0.5},))
-    assert not ok
-    assert reason.startswith("out of bounds after ")
-    assert "robot2's slot at y = 20.87 m, limit 13.6 m" in reason
-    ok, reason = put(do="speed", speed=0.5, degrees=90.0)
-    assert ok
-    assert reason.startswith("on a route without an end from where it is; stops at the bounds in 25.")
-    assert reason.endswith("where robot2's slot reaches y = 13.6 m")
+    reply = fleet.ask("robot1", "scale", factor=3.0)
+    assert not reply.ok
+    assert reply.reason.startswith("out of bounds: robot4's slot at x = -5.8")
+    assert reply.reason.endswith("limit -4.6 m")
+    reply = fleet.ask("robot1", "route", legs=({"waypoints": ((5.0, 0.0), (5.0, 20.0)), "speed": 0.5},))
+    assert not reply.ok
+    assert reply.reason.startswith("out of bounds after ")
+    assert "robot2's slot at y = 20.87 m, limit 13.6 m" in reply.reason
+    reply = fleet.ask("robot1", "speed", speed=0.5, degrees=90.0)
+    assert reply.ok
+    assert reply.reason.startswith("on a route without an end from where it is; stops at the bounds in 25.")
+    assert reply.reason.endswith("where robot2's slot reaches y = 13.6 m")
 
 
 def test_shape_that_a_finite_route_would_carry_out_is_refused() -> None:
-    route = (Straight(speed=0.5, heading_deg=0.0, duration=20.0),)
-    mission = within(SIX.model_copy(update={"route": route}), (-6.0, 12.0), (-6.0, 6.0))
-    fleet = Fleet(mission, seed=1).after(1.0)
-    reply = ask(fleet.leader, b'{"do": "rotate", "degrees": 180}', fleet.now)
+    fleet = Fleet(within(led(SIX, 0.5, duration=20.0), (-6.0, 12.0), (-6.0, 6.0)), seed=1).after(1.0)
+    reply = fleet.ask("robot1", "rotate", degrees=180.0)
     assert not reply.ok
     assert "robot4's slot at x = 12 m, limit 11.6 m" in reply.reason
 
 
 @pytest.mark.slow
 def test_turning_team_is_stopped_before_its_slots_swing_out() -> None:
-    patrol = within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0))
-    fleet = Fleet(patrol, seed=1).after(45.0)
+    fleet = Fleet(within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0)), seed=1).after(45.0)
     assert farthest(fleet) < 0.0
     assert fleet.leader.plan.fenced
-    assert math.isfinite(fleet.error())

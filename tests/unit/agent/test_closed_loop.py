@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from statistics import median
+import itertools
+from dataclasses import replace
+from statistics import fmean, median
+from typing import Any
 
 import pytest
 
 from formation.control.ramp import MAX_CHANGE_SHARE
-from formation.mission.file import load, shipped
+from formation.control.unicycle import Command
+from formation.mission.file import load, parse, read, shipped
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
+from formation.ros2.messages import Odometry
 from formation.simulation.simulate import simulate
 from formation.topics import BALLOT, ODOM, POSITION, SCAN
+from formation.wire import Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet
-from tests.support.meddling import lost
+from tests.support.meddling import altered, lost, on
 from tests.support.missions import with_robots
+from tests.support.restarting import Team
 from tests.unit.agent.sudden import most_sudden
 from tests.unit.agent.test_scanning import room
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
+LOCAL = with_robots("six_robots", measurement="local")
 AT_REST = (0.0, 0.0)
 
 
@@ -34,8 +42,7 @@ def test_the_shipped_missions_come_into_formation(name: str) -> None:
 
 
 def test_six_robots_are_in_formation_within_eight_seconds() -> None:
-    fleet = Fleet.under_way(SIX, 8.0)
-    assert fleet.error() < SIX.settled
+    assert Fleet.under_way(SIX, 8.0).error() < SIX.settled
 
 
 @pytest.mark.slow
@@ -65,16 +72,13 @@ def test_simulation_settles_when_agents_do(law: str) -> None:
         settled = fleet.now if fleet.error() > mission.settled else settled
     began = min(time for one in fleet.commands.values() for time, speed, _ in one if speed != 0.0)
     simulated = float(simulate(mission, law=law, horizon=20.0, step=0.05).settling_time[0])
-    print(law, settled - began, simulated)
     # agents know their paths less exactly while they speed up
     assert simulated == pytest.approx(settled - began, abs=0.2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "typical", "worst"), [(0.1, 0.001, 0.01), (0.3, 0.02, 0.12)])
-def test_lost_positions_do_not_keep_the_robots_from_formation(
-    loss: float, typical: float, worst: float
-) -> None:
+def test_robots_form_though_positions_are_lost(loss: float, typical: float, worst: float) -> None:
     fleet = Fleet.under_way(SIX, 15.0, loss=loss, seed=4)
     assert fleet.within_limits
     errors = fleet.errors(10.0)
@@ -84,7 +88,7 @@ def test_lost_positions_do_not_keep_the_robots_from_formation(
 
 @pytest.mark.parametrize(("late", "bound"), [*slow((0.0, 0.001)), (0.02, 0.01)])
 def test_robots_that_measure_displacements_themselves_form(late: float, bound: float) -> None:
-    fleet = Fleet(with_robots("six_robots", measurement="local"))
+    fleet = Fleet(LOCAL)
     fleet.meddle = lambda sample: (
         (sample._replace(arrived=sample.arrived + late),) if "/relative/" in sample.key else (sample,)
     )
@@ -164,3 +168,161 @@ def test_an_agent_ends_with_zero_velocity_and_says_why() -> None:
     fleet._send("robot2", out)
     assert fleet.last_command("robot2") == AT_REST
     assert fleet.status("robot2").reason == Reason.of(Code.ENDED, cause="SIGTERM")
+
+
+# Faults without a message: the robot in doubt stands still
+
+
+def neighbour_speeds(fleet: Fleet) -> list[float]:
+    """How fast robot3 believes that its neighbours drive [m/s]."""
+    return [abs(one.velocity) for one in fleet.agents["robot3"].neighbours.each.values()]
+
+
+def test_too_rare_odometry_never_moves_robot() -> None:
+    fleet, newest = Fleet(SIX), [0.0]
+
+    def thin_out(sample: Sample) -> tuple[Sample, ...]:
+        if sample.arrived - newest[-1] < 1 / 6:
+            return ()
+        newest.append(sample.arrived)
+        return (sample,)
+
+    fleet.meddle = on(ODOM.key("robot3"), thin_out)
+    fleet.run(10.0)
+    assert set(fleet.commands_since("robot3", 0.0)) == {AT_REST}
+    assert fleet.plant("robot3").path == 0.0
+
+
+@pytest.mark.slow
+def test_odometry_glitch_does_not_make_followers_lurch() -> None:
+    fleet, off = Fleet(SIX).after(15.0), itertools.chain([5.0], itertools.repeat(0.0))
+    fleet.meddle = altered(
+        ODOM.key("robot2"), Odometry, lambda seen: replace(seen, position=seen.position + next(off))
+    )
+    fleet.run(2.0)
+    # robot2 stands for a quarter of a second, and closes the 4 cm that its slot moves meanwhile
+    for name in SIX.followers:
+        assert max(abs(speed) for speed, _ in fleet.commands_since(name, 15.0)) < 0.55
+
+
+def test_a_position_said_again_and_again_is_not_followed() -> None:
+    fleet, stuck = Fleet.under_way(SIX, 8.0), dict[str, bytes]()
+    fleet.meddle = on(  # the order goes on
+        POSITION.key("robot1"), lambda one: (one._replace(payload=stuck.setdefault("", one.payload)),)
+    )
+    fleet.run(3.0)
+    assert set(fleet.commands_since("robot2", 8.3)) == {AT_REST}
+    assert fleet.status("robot2").reason.code is Code.NO_NEIGHBOUR
+    assert not fleet.status("robot2").reason.values["unavailable"]
+
+
+@pytest.mark.slow
+def test_sensor_faster_than_odometry_does_not_inflate_velocity() -> None:
+    fleet, count = Fleet(LOCAL), itertools.count()
+    fleet.meddle = on(ODOM.key("robot3"), lambda sample: (sample,) if next(count) % 2 else ())
+    fleet.run(15.0)
+    assert neighbour_speeds(fleet) == pytest.approx([0.2, 0.2], abs=0.01)
+    assert fleet.error() < 0.001
+
+
+@pytest.mark.slow
+def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
+    fleet = Fleet(LOCAL).after(10.0)
+    fleet.ask("robot3", "hold")
+    fleet.run(10.0)
+    fleet.ask("robot3", "run")
+    fleet.run(0.15)
+    assert fleet.status("robot3").state == "run"
+    assert neighbour_speeds(fleet) == pytest.approx([0.2, 0.2], abs=0.01)
+
+
+@pytest.mark.slow
+def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
+    text = read("six_robots")[0].replace("rate = 20 ", "rate = 50 ")
+    mission = parse(text.replace("[robots.robot3]", '[robots.robot3]\nrate = 10\nmeasurement = "local"'))
+    fleet = Fleet(mission).after(12.0)
+    assert AT_REST not in fleet.commands_since("robot3", 2.0)
+    assert fleet.error() < mission.settled
+
+
+def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
+    fleet = Fleet.under_way(SIX, 8.0)
+
+    def step() -> None:
+        fleet._send("robot3", fleet.agents["robot3"].step(fleet.moment, []))
+
+    fleet.ask("robot3", "hold")
+    step()
+    assert fleet.last_command("robot3") == AT_REST
+    fleet.ask("robot3", "run")
+    rested = fleet.now
+    while fleet.last_command("robot3") == AT_REST:
+        fleet.run(0.001)
+    assert fleet.now - rested < 0.05
+    fleet.ask("robot3", "stop")
+    step()
+    assert fleet.last_command("robot3") == AT_REST
+
+
+# A robot that cuts commands to hundredths
+
+
+def means(step: float, leader_speed: float) -> tuple[float, float]:
+    """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s].
+
+    The mission says that commands have this `step`; the robot cuts them to hundredths anyway.
+    """
+    mission = with_robots("turtlebot3_pair", speed_step=step, turn_rate_step=step)
+    (leg,) = mission.route
+    mission = mission.model_copy(update={"route": (leg.model_copy(update={"speed": leader_speed}),)})
+    fleet, wanted = Fleet(mission).after(15.0), list[float]()
+    agent, before = fleet.agents["robot1"], len(fleet.commands["robot1"])
+    law = agent._params.law
+
+    def overheard(*arguments: Any) -> tuple[Command, Any]:
+        command, integral = law(*arguments)
+        wanted.append(float(command.speed))
+        return command, integral
+
+    agent._params = agent._params._replace(law=overheard)
+    fleet.run(10.0)
+    reported = [int(speed * 100) / 100 for _, speed, _ in fleet.commands["robot1"][before:]]
+    assert len(reported) == len(wanted) == pytest.approx(200, abs=2)
+    return fmean(wanted), fmean(reported)
+
+
+@pytest.mark.parametrize("leader_speed", [0.0549, *slow(0.045, 0.05, 0.0511, 0.0599)])
+def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
+    wanted, reported = means(0.01, leader_speed)
+    assert wanted == pytest.approx(leader_speed, rel=0.02)
+    assert reported == pytest.approx(wanted, rel=0.005)
+
+
+@pytest.mark.parametrize("leader_speed", [0.0549, *slow(0.045, 0.05, 0.0599)])
+def test_without_error_feedback_robot_is_too_slow(leader_speed: float) -> None:
+    wanted, reported = means(0.0, leader_speed)
+    assert reported < 0.95 * wanted
+
+
+# Copies of a fleet, which other tests begin with
+
+
+def events(fleet: Fleet) -> tuple[object, ...]:
+    """Have this and that happen to a fleet, and return what it does."""
+    name = fleet.mission.followers[-1]
+    fleet.kill(name)
+    fleet.run(0.5)
+    fleet.ask("leader", "stop")
+    fleet.run(0.5)
+    fleet.restart(name)
+    fleet.set_going(name)
+    fleet.set_going("leader")
+    fleet.run(2.0)
+    return dict(fleet.commands), [fleet.message(one) for one in fleet.agents], fleet.leader_terms
+
+
+def test_copied_fleets_do_the_same_as_a_new_one() -> None:
+    for kind, name in ((Team, "turtlebot3_pair"), (Fleet, "patrol")):
+        mission = load(name)
+        new = events(kind(mission, loss=0.1).after(2.0))
+        assert [events(kind.under_way(mission, 2.0, loss=0.1)) for _ in range(2)] == [new] * 2

@@ -19,7 +19,7 @@ from formation.topics import ODOM, POSE, POSITION
 from formation.wire import Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet
-from tests.support.meddling import altered, lost
+from tests.support.meddling import altered, lost, on
 from tests.support.missions import with_robots
 
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
@@ -27,6 +27,7 @@ SEEN = with_robots("turtlebot3_pair", localisation="external", **STEPS)
 MEASURED = with_robots("turtlebot3_pair", localisation="external", heading="measured", **STEPS)
 SIX = with_robots("six_robots", localisation="external")
 AT_REST = (0.0, 0.0)
+both = pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
 
 
 def heading_error(fleet: Fleet, name: str) -> float:
@@ -49,9 +50,9 @@ def test_robots_that_are_seen_from_outside_come_into_formation(mission: Mission)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+@both
 def test_noisy_and_late_camera_keeps_formation(mission: Mission) -> None:
-    dice = np.random.default_rng(8)
+    fleet, dice = Fleet(mission), np.random.default_rng(8)
 
     def camera(sample: Sample) -> tuple[Sample]:
         if not sample.key.endswith("/pose"):
@@ -61,7 +62,6 @@ def test_noisy_and_late_camera_keeps_formation(mission: Mission) -> None:
         payload = encode(replace(seen, position=seen.position + off, heading=seen.heading * turned))
         return (sample._replace(payload=payload, arrived=sample.arrived + 0.1),)
 
-    fleet = Fleet(mission)
     fleet.meddle = camera
     fleet.run(30.0)
     assert max(fleet.errors(10.0)) < 0.02
@@ -90,14 +90,13 @@ def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> Non
 def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) -> None:
     fleet = Fleet.under_way(mission, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position - 1j))
-    begun = fleet.now
     fleet.run(0.1)
     assert fleet.last_command("robot1") == AT_REST
     assert str(fleet.status("robot1").reason).startswith("pose jumped")
     fleet.meddle = lambda sample: (sample,)
     fleet.run(10.0)
     for name in mission.followers:
-        assert max(abs(u) for at, u, _ in fleet.commands[name] if at > begun) <= 0.12
+        assert max(abs(speed) for speed, _ in fleet.commands_since(name, 20.0)) <= 0.12
     assert fleet.error() < 0.005
 
 
@@ -114,25 +113,22 @@ def test_rare_positions_do_not_spoil_heading(heading: str) -> None:
     # a ramp begins anew after each gap: it would hold back a robot that is stopped twice a second
     fleet = Fleet(with_robots("turtlebot3_pair", localisation="external", heading=heading, ramp=0.0))
     count = itertools.count()
-    fleet.meddle = lambda sample: (
-        () if sample.key == POSE.key("robot1") and next(count) % 3 else (sample,)  # three periods apart
-    )
+    fleet.meddle = on(
+        POSE.key("robot1"), lambda one: () if next(count) % 3 else (one,)
+    )  # three periods apart
     fleet.run(30.0)
     assert heading_error(fleet, "robot1") < 0.1
     assert fleet.error() < 0.1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+@both
 def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
     fleet = Fleet.under_way(mission, 20.0)
-    frozen: list[Pose] = []
-
-    def freeze(seen: Pose) -> Pose:
-        frozen.append(seen)
-        return replace(frozen[0], stamp=seen.stamp)
-
-    fleet.meddle = altered(POSE.key("robot1"), Pose, freeze)
+    frozen: dict[str, Pose] = {}
+    fleet.meddle = altered(
+        POSE.key("robot1"), Pose, lambda seen: replace(frozen.setdefault("robot1", seen), stamp=seen.stamp)
+    )
     assert fleet.driven("robot1", 10.0) < 0.15
     assert fleet.last_command("robot1") == AT_REST
     assert fleet.status("robot1").reason.code is Code.MOTION_FROZEN

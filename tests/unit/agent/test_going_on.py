@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from formation.agent.following import attachment
 from formation.agent.following.attachment import FAULT_FREE_TIME
-from formation.control.unicycle import AT_REST, Command
+from formation.control.unicycle import AT_REST
 from formation.mission.file import load
 from formation.mission.model import Collisions, Mission
 from formation.protocol.reasons import Code
@@ -29,13 +29,17 @@ PATROL = with_robots("patrol", scanner="none").model_copy(
 )
 """Whose leader drives as evenly as it would without them; nobody goes round a robot that stands."""
 SIX = load("six_robots")
-PERIOD = 1.0 / PATROL.robot.rate
 BEHIND = {"robot1": "robot2", "robot5": "robot4"}
 """Who measures nobody else, and the leader for a fallback."""
 
 
 def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
     return Fleet.under_way(mission, seconds)
+
+
+def ask_all(fleet: Fleet, names: Iterable[str], do: str) -> None:
+    for name in names:
+        assert fleet.ask(name, do).ok
 
 
 def off(fleet: Fleet) -> dict[str, float]:
@@ -79,28 +83,16 @@ def held(fleet: Fleet, name: str) -> Callable[[], None]:
 
 def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
     fleet.meddle = lost(ODOM.key(name))
-
-    def mended() -> None:
-        fleet.meddle = lambda sample: (sample,)
-
-    return mended
+    return lambda: setattr(fleet, "meddle", lambda sample: (sample,))
 
 
 def blocked(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its wheels do not turn, whatever it is told."""
-    robot = fleet.world._hosted[name]
-    obey = robot.plant.obey
-
-    def stay(command: Command) -> None:
-        obey(Command(0.0 * command.speed, 0.0 * command.turn_rate))
-
-    robot.plant.obey = stay  # type: ignore[method-assign]
+    plant = fleet.world._hosted[name].plant
+    obey = plant.obey
+    plant.obey = lambda _: obey(AT_REST)  # type: ignore[method-assign, assignment]
     obey(AT_REST)
-
-    def freed() -> None:
-        robot.plant.obey = obey  # type: ignore[method-assign]
-
-    return freed
+    return lambda: setattr(plant, "obey", obey)
 
 
 LOSSES = [dead, stopped, held, without_odometry, blocked]
@@ -184,9 +176,7 @@ def test_those_behind_a_held_robot_hold_and_follow_it_home() -> None:
 @pytest.mark.parametrize("do", ["hold", "stop"])
 def test_no_robot_is_unavailable_while_the_team_stands(do: str) -> None:
     fleet = under_way()
-    for name in PATROL.followers:
-        fleet.ask(name, do)
-    fleet.ask("leader", do)
+    ask_all(fleet, PATROL.names, do)
     fleet.run(1.0)
     assert unavailable(fleet) == []
 
@@ -219,10 +209,8 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
     restore = lose(fleet, lost)
     fleet.run(2.5)
     foretold = losing(mission, lost)
-    others = [name for name in mission.followers if name != lost]
-    assert {n for n in others if fleet.agents[n].decision.state is not AgentState.RUN} == set(
-        foretold.holding
-    )
+    stand = {name for name, agent in fleet.agents.items() if agent.decision.state is not AgentState.RUN}
+    assert stand - {lost} == set(foretold.holding)
     for name, guides in foretold.instead.items():
         assert fleet.agents[name].neighbours.guides == guides
     restore()
@@ -235,8 +223,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
 def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st.DataObject) -> None:
     some = data.draw(st.lists(st.sampled_from(mission.followers), min_size=1, unique=True))
     fleet = under_way(mission, 2.0)
-    for name in some:
-        fleet.ask(name, "hold")
+    ask_all(fleet, some, "hold")
     fleet.run(2.0)
     for name in data.draw(st.permutations(some)):
         fleet.ask(name, "run")
@@ -248,12 +235,9 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
 def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
     mission = team({"a": ["leader", "b"], "b": ["leader", "a"], "c": ["a", "b"]})
     fleet = under_way(mission, 3.0)
-    for name in mission.followers:
-        fleet.ask(name, "hold")
-    fleet.run(3.0)
-    for name in mission.followers:
-        fleet.ask(name, "run")
-    fleet.run(8.0)
+    for do, seconds in (("hold", 3.0), ("run", 8.0)):
+        ask_all(fleet, mission.followers, do)
+        fleet.run(seconds)
     assert max(off(fleet).values()) < 0.02
     assert unavailable(fleet) == []
 

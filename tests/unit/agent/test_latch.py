@@ -13,15 +13,23 @@ from formation.agent.safety.latch import Latch
 from formation.leader.plan import TeamMode
 from formation.protocol import reasons
 from formation.protocol.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
-from formation.protocol.outcome import Recipients
-from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME
-from formation.transport import asking
-from formation.transport.mailbox import Question
+from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME, Rest
 from tests.campaigns.timings.orders import SCENARIOS
-from tests.unit.formation.test_asking import Clock
 
-GO: dict[str, Do] = {"stop": "release", "hold": "run"}
+GO: dict[Do, Do] = {"stop": "release", "hold": "run"}
 """What ends each."""
+every_rest = pytest.mark.parametrize("rest", GO)
+Scenario = Callable[[random.Random], None]
+
+
+@pytest.fixture
+def latch() -> Latch:
+    return Latch("robot1")
+
+
+def named(do: Do, rest: Rest) -> tuple[str, ...]:
+    """What a request names: a release or a run all that is in force."""
+    return tuple(filter(None, (rest.stop, rest.hold))) if do in {"release", "run"} else ()
 
 
 def ask(
@@ -32,14 +40,13 @@ def ask(
     age: float = 0.0,
     ends: tuple[str, ...] | None = None,
 ) -> OperatorReply:
-    """A release or a run names what is in force, unless it is told what to name."""
-    named = tuple(filter(None, (latch.state.rest.stop, latch.state.rest.hold))) if ends is None else ends
-    request = OperatorRequest(do=do, id=of, age=age, ends=named if do in {"release", "run"} else ())
+    """Ask for what names all that is in force, or `ends`."""
+    ends = named(do, latch.state.rest) if ends is None else ends
+    request = OperatorRequest(do=do, id=of, age=age, ends=ends)
     return decode(OperatorReply, latch.request(request, received, "run"))
 
 
-def test_a_repeated_release_does_not_end_a_later_stop() -> None:
-    latch = Latch("robot1")
+def test_a_repeated_release_does_not_end_a_later_stop(latch: Latch) -> None:
     ask(latch, "stop", "a")
     first = ask(latch, "release", "b")
     assert ask(latch, "stop", "c").mode == latch.mode == "stop"
@@ -48,8 +55,7 @@ def test_a_repeated_release_does_not_end_a_later_stop() -> None:
     assert ask(latch, "release", "d").mode == "hold"
 
 
-def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
-    latch = Latch("robot1")
+def test_a_release_leaves_a_hold_that_only_run_ends(latch: Latch) -> None:
     ask(latch, "hold", "h")
     ask(latch, "stop", "s")
     assert ask(latch, "run").code == "stopped"
@@ -62,39 +68,24 @@ def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
     assert latch.mode is None
 
 
-def test_a_release_or_run_must_name_what_it_ends() -> None:
-    latch = Latch("robot1")
-    pairs: tuple[tuple[Do, Do], ...] = (("stop", "release"), ("hold", "run"))
-    for rest, go in pairs:
-        ask(latch, rest, rest)
-        unnamed = ask(latch, go, "u", ends=())
-        another = ask(latch, go, "a", ends=("older",))
-        assert [(one.ok, one.code) for one in (unnamed, another)] == [(False, "unnamed"), (False, "another")]
-        assert latch.mode == rest
-        ask(latch, go, "g")
+@every_rest
+def test_a_release_or_run_must_name_what_it_ends(latch: Latch, rest: Do) -> None:
+    ask(latch, rest, rest)
+    replies = [ask(latch, GO[rest], of, ends=ends) for of, ends in (("u", ()), ("a", ("older",)))]
+    assert [(one.ok, one.code) for one in replies] == [(False, "unnamed"), (False, "another")]
+    assert latch.mode == rest
 
 
-def test_a_query_tells_ids_and_changes_nothing() -> None:
-    latch = Latch("robot1")
+def test_a_query_tells_ids_and_changes_nothing(latch: Latch) -> None:
     ask(latch, "hold", "h")
     ask(latch, "stop", "s")
     reply = ask(latch, "query")
     assert (reply.ok, reply.mode, reply.stop, reply.hold, latch.mode) == (True, "stop", "s", "h", "stop")
 
 
-def test_a_stop_that_reuses_an_id_is_another_stop() -> None:
-    latch = Latch("robot1")
-    ask(latch, "stop", "1", received=1.0)
-    ask(latch, "release", "r1")
-    ask(latch, "stop", "1", received=2.0)
-    assert ask(latch, "release", "r2", received=3.0, ends=("1",)).code == "another"
-    assert latch.mode == "stop"
-
-
 @pytest.mark.parametrize("code", sorted(UNREACHED))
-@pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
-    latch = Latch("robot1")
+@every_rest
+def test_unreachable_stop_is_latched_and_not_ok(latch: Latch, rest: Do, code: Code) -> None:
     request = OperatorRequest(do=rest, id="s")
     reply = decode(OperatorReply, latch.request(request, 0.0, "run", code))
     assert (reply.ok, reply.code, latch.mode) == (False, code, rest)
@@ -103,8 +94,7 @@ def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
 
 
 @pytest.mark.parametrize("of", ["", "different every time"])
-def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) -> None:
-    latch = Latch("robot1")
+def test_requests_without_a_name_or_with_another_one_are_each_obeyed(latch: Latch, of: str) -> None:
     for number in range(MAX_REMEMBERED_REQUESTS + 2):
         of = of and f"{number}"
         ask(latch, "stop", of and f"{of}s")
@@ -115,19 +105,16 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
     assert len(latch.state.once.answers) <= MAX_REMEMBERED_REQUESTS
 
 
-def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
-    latch = Latch("robot1")
-    rests: tuple[Do, ...] = ("hold", "stop")
-    for do in rests:
-        ask(latch, do)
-        reply = decode(OperatorReply, latch.request(OperatorRequest(do="shape", shape="line"), 0.0, "run"))
-        assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
-        assert "leader" in reply.reason
+@every_rest
+def test_a_shape_is_not_an_agents_to_change_and_releases_nothing(latch: Latch, rest: Do) -> None:
+    ask(latch, rest)
+    reply = decode(OperatorReply, latch.request(OperatorRequest(do="shape", shape="line"), 0.0, "run"))
+    assert (reply.ok, latch.mode, reply.mode) == (False, rest, rest)
+    assert "leader" in reply.reason
 
 
-@pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
-    latch = Latch("robot1")
+@every_rest
+def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(latch: Latch, rest: Do) -> None:
     assert ask(latch, "release", "1", received=10.0).mode == "run"
     assert ask(latch, rest, "1", received=20.0).mode == latch.mode == rest
     again = ask(latch, "release", "1", received=30.0, age=20.0)
@@ -135,63 +122,48 @@ def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
     assert latch.mode == rest
 
 
-@pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_new_stop_with_reused_id_is_obeyed(rest: Do) -> None:
-    latch = Latch("robot1")
+@every_rest
+def test_new_stop_with_reused_id_is_obeyed(latch: Latch, rest: Do) -> None:
     ask(latch, rest, "s", received=1.0)
     ask(latch, "release", "r", received=5.0)
     assert ask(latch, rest, "s", received=60.0).mode == latch.mode == rest
-    assert list(latch.state.once.answers) == ["release r", f"{rest} s"]
+    assert ask(latch, GO[rest], "r2", received=61.0, ends=("s",)).code == "another"
+    assert list(latch.state.once.answers) == ["release r", f"{rest} s", f"{GO[rest]} r2"]
     assert not ask(latch, GO[rest], "late", 61.0, age=2.0).ok, "it is as new as any other"
 
 
-@pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_repeated_rest_does_not_override_a_later_run(rest: Do, monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Clock()
-    monkeypatch.setattr(asking, "_now", clock.time)
-    monkeypatch.setattr(asking, "time", clock)
-    latch, modes = Latch("robot1"), []
-
-    def put(_key: str, payload: bytes, _: float) -> Question:
-        latch.request(decode(OperatorRequest, payload), 100.0, "run")
+@every_rest
+def test_a_repeated_rest_does_not_override_a_later_run(latch: Latch, rest: Do) -> None:
+    modes = []
+    for age in (0.0, 0.05, 0.1, 0.2):
+        ask(latch, rest, "mine", 100.0 + age, age)
         modes.append(latch.mode)
-        if len(modes) == 2:
-            assert ask(latch, "release", "another", 100.0).ok
-            assert ask(latch, "run", "another", 100.0).ok
-        question = Question()  # nobody's answer comes through
-        question.end()
-        return question
-
-    asking.ask(put, Recipients(("robot1",)), OperatorRequest(do=rest, id="mine"), 9.0, lambda: len(modes) > 4)
-    assert modes == [rest, rest, None, None, None]
+        if age == 0.05:
+            assert ask(latch, "release", "another", 100.06).ok
+            assert ask(latch, "run", "another", 100.07).ok
+    assert modes == [rest, rest, None, None]
 
 
 @given(st.lists(st.sampled_from(["stop", "hold", "run", "release"]), max_size=8))
 def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> None:
     latch, team_mode = Latch("robot1"), TeamMode()
     for do in wishes:
-        ends = (
-            tuple(filter(None, (team_mode.rest.stop, team_mode.rest.hold)))
-            if do in {"release", "run"}
-            else ()
-        )
-        ok = team_mode.change(OperatorRequest(do=do, ends=ends), "fact").ok
+        ok = team_mode.change(OperatorRequest(do=do, ends=named(do, team_mode.rest)), "fact").ok
         assert (ask(latch, do).ok, latch.mode or "run") == (ok, team_mode.mode)
 
 
 @pytest.mark.parametrize(
     ("do", "known"), [("hold", True), ("run", True), ("stop", False), ("release", False)]
 )
-def test_startup_stop_reason_remains_until_release_or_repetition(do: Do, known: bool) -> None:
-    latch = Latch("robot1")
+def test_startup_stop_reason_remains_until_release_or_repetition(latch: Latch, do: Do, known: bool) -> None:
     latch.state.rest.stop, latch.state.why = "doubt", reasons.Reason(reasons.Code.STOPPED_BEFORE_START)
     ask(latch, do)
     assert bool(latch.state.why) is known
 
 
-@pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
-    latch, go = Latch("robot1"), GO[rest]
+@every_rest
+def test_a_release_or_run_older_than_the_rest_is_refused(latch: Latch, rest: Do) -> None:
+    go = GO[rest]
     ask(latch, rest, received=100.0)
     for received in (110.0, 200.0):  # it is put again, and goes on being too late
         reply = ask(latch, go, "late", received, age=10.5)
@@ -210,23 +182,20 @@ def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
         (110.0, 10.0 - 1.2 * TRAVEL_TIME, True),
     ],
 )
-def test_release_requested_after_stop_counts_when_late(received: float, age: float, ok: bool) -> None:
-    latch = Latch("robot1")
+def test_release_requested_after_stop_counts_when_late(
+    latch: Latch, received: float, age: float, ok: bool
+) -> None:
     ask(latch, "stop", received=100.0)
     assert ask(latch, "release", "late", received, age).ok is ok
     assert latch.mode == ("hold" if ok else "stop")
 
 
-def test_stop_counts_from_its_request_despite_later_answer() -> None:
-    latch = Latch("robot1")
+def test_stop_counts_from_its_request_despite_later_answer(latch: Latch) -> None:
     ask(latch, "stop", received=99.9)  # while its process hung
     ask(latch, "hold", received=50.0)  # and the stop is no older for that
     assert not ask(latch, "release", "late", 100.0, age=5.0).ok
     assert latch.mode == "stop"
     assert ask(latch, "release", "c", 106.0, age=5.0).ok
-
-
-Scenario = Callable[[random.Random], None]
 
 
 @pytest.mark.slow
