@@ -11,8 +11,7 @@ MISSIONS = Path(__file__).parent / "missions"
 class Told(NamedTuple):
     """What an operator orders, or does to a process or the network."""
 
-    at: float
-    """[s]"""
+    at: float  # [s]
     do: str
     what: dict[str, Any] = {}  # noqa: RUF012 - never changed
 
@@ -49,11 +48,7 @@ class Plan(NamedTuple):
         words = [self.mission, f"--seed {self.seed}"]
         words += [f"--faults {','.join(self.kinds)}"] if self.kinds else []
         words += [f"--fault {one}" for one in self.faults]
-        for name in ("loss", "delay", "noise", "seconds"):
-            value = getattr(self, name)
-            words += [f"--{name} {value:g}"] if value else []
+        numbers = {name: getattr(self, name) for name in ("loss", "delay", "noise", "seconds")}
+        words += [f"--{name} {value:g}" for name, value in numbers.items() if value]
         words += ["--signed"] * self.signed + ["recorded"] * self.recorded
-        words += [f"{one.do} at {one.at:g} s" for one in self.told]
-        return ", ".join(
-            [" ".join(words[: len(words) - len(self.told)]), *words[len(words) - len(self.told) :]]
-        )
+        return ", ".join([" ".join(words), *(f"{one.do} at {one.at:g} s" for one in self.told)])

@@ -1,0 +1,28 @@
+"""The command line of a campaign that writes into docs/."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+
+from tests.campaigns.document import count, one_of
+
+
+def command_line(
+    campaign: str, about: str | None, epilog: str, parts: Iterable[str], quick: str, jobs: int = 1
+) -> argparse.ArgumentParser:
+    """PART ..., which may be none, --quick and --jobs; `quick` says what a short run is."""
+    parts = list(parts)
+    flags = argparse.ArgumentParser(
+        prog=f"python -m tests.campaigns.{campaign}",
+        description=about,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    flags.add_argument("parts", metavar="PART", nargs="*", type=one_of(parts), help=f"of {', '.join(parts)}")
+    flags.add_argument("--quick", action="store_true", help=f"{quick}, printed only")
+    flags.add_argument(
+        "--jobs", type=count(64), default=jobs, metavar="N", help=f"side by side (default: {jobs})"
+    )
+    return flags
