@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 
-from tests.campaigns.command import command_line
 from tests.campaigns.defects.catalogue.all import DEFECTS
 from tests.campaigns.defects.page import SHARE, text
 from tests.campaigns.defects.plans import PLANS, QUICK, ordered
 from tests.campaigns.defects.trial import Row, tried
 from tests.campaigns.document import DOCS, stamp, update
 from tests.campaigns.figures import progress
+from tests.campaigns.parts import command_line
 
 JSON, TEXT, PART = "defects.json", "defects.md", "catalogue"
 EPILOG = """\

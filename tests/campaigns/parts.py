@@ -1,4 +1,4 @@
-"""The command line of a campaign that writes into docs/."""
+"""What campaigns of several parts share: their command line, and tables."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import argparse
 from collections.abc import Iterable
 
 from tests.campaigns.document import count, one_of
+from tests.campaigns.figures import markdown
 
 
 def command_line(
     campaign: str, about: str | None, epilog: str, parts: Iterable[str], quick: str, jobs: int = 1
 ) -> argparse.ArgumentParser:
-    """PART ..., which may be none, --quick and --jobs; `quick` says what a short run is."""
+    """Takes PART ..., which may be none, --quick and --jobs; `quick` says what a short run is."""
     parts = list(parts)
     flags = argparse.ArgumentParser(
         prog=f"python -m tests.campaigns.{campaign}",
@@ -26,3 +27,8 @@ def command_line(
         "--jobs", type=count(64), default=jobs, metavar="N", help=f"side by side (default: {jobs})"
     )
     return flags
+
+
+def table(header: str, rows: Iterable[str]) -> str:
+    """A table in Markdown; its columns are separated by " | " in the header and in each row."""
+    return markdown(header.split(" | "), [row.split(" | ") for row in rows])
