@@ -8,8 +8,7 @@ from tests.campaigns.defects.reasons import REASONS
 from tests.campaigns.document import Found, head
 from tests.campaigns.figures import markdown, verdict
 
-SHARE = 0.95
-"""Share of the defects that is to be found."""
+SHARE = 0.95  # share of the defects that is to be found
 TITLE = "Deliberate defects"
 HEAD = """\
 Mistakes that a programmer could make, each built into a copy of the product by itself. A fixed list of

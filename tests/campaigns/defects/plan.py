@@ -19,22 +19,17 @@ class Told(NamedTuple):
 class Plan(NamedTuple):
     """A mission, a seed, and what disturbs it."""
 
-    mission: str
-    """A shipped one, or a file of `MISSIONS` without its ending."""
+    mission: str  # a shipped one, or a file of `MISSIONS` without its ending
     seed: int = 0
-    kinds: tuple[str, ...] = ()
-    """Kinds of faults that are drawn; ``all`` for all that are possible."""
-    faults: tuple[str, ...] = ()
-    """Faults as they are typed."""
+    kinds: tuple[str, ...] = ()  # kinds of faults that are drawn; ``all`` for all that are possible
+    faults: tuple[str, ...] = ()  # faults as they are typed
     loss: float = 0.0
     delay: float = 0.0
     noise: float = 0.0
     seconds: float = 0.0
     signed: bool = False
-    recorded: bool = False
-    """Whether a monitor records it, and the recording is verified."""
-    told: tuple[Told, ...] = ()
-    """Orders of an operator, instead of drawn faults."""
+    recorded: bool = False  # whether a monitor records it, and the recording is verified
+    told: tuple[Told, ...] = ()  # orders of an operator, instead of drawn faults
 
     @property
     def source(self) -> str:

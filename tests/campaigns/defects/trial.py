@@ -16,8 +16,7 @@ from tests.campaigns.defects.defect import Defect
 from tests.campaigns.defects.plans import PLANS
 
 TIMEOUT_SECONDS = 3600.0  # for all plans of one defect; what takes longer hangs
-Row = dict[str, Any]
-"""What came of one defect, as in docs/defects.json."""
+Row = dict[str, Any]  # what came of one defect, as in docs/defects.json
 
 
 def tried(defect: Defect | None, numbers: Sequence[int]) -> Row:

@@ -94,8 +94,7 @@ def _row(row: Mapping[str, Any]) -> str:
     )
 
 
-Maker = Callable[[Path], Fleet]
-"""Makes a fleet whose files are in a folder."""
+Maker = Callable[[Path], Fleet]  # makes a fleet whose files are in a folder
 
 
 def tell(words: str) -> None:

@@ -32,8 +32,7 @@ CHANGES = {**STRAIGHT, "turning": False, "takeover": 6.0, "robot": ROBOT}
 
 All drive the same, however long it takes to converge.
 """
-AS_SHIPPED = {**STRAIGHT, "turning": False}
-"""As the mission ships: TCP alone, 20 Hz, a lease of 1 s."""
+AS_SHIPPED = {**STRAIGHT, "turning": False}  # as the mission ships: TCP alone, 20 Hz, a lease of 1 s
 LONGEST = 90.0  # for the formation to stand, from the moment that all robots are seen [s]
 HELD = 10.0  # how long the error is looked at from then on [s]
 ABOUT = """\

@@ -37,8 +37,7 @@ class Judgement(NamedTuple):
     wrong: list[str]
 
 
-Verdict = Callable[[Fleet, str, Times], Judgement]
-"""Of a fleet, the process that it happened to, and when."""
+Verdict = Callable[[Fleet, str, Times], Judgement]  # of a fleet, the process that it happened to, and when
 
 
 def anything(_fleet: Fleet, _victim: str, _times: Times) -> Judgement:
@@ -110,8 +109,7 @@ def recorded(fleet: Fleet, victim: str, times: Times) -> Judgement:
     return Judgement({**found.figures, "not recorded": max(missing, 0.0)}, [*found.wrong, *wrong])
 
 
-Act = Callable[[Fleet, str], object]
-"""Does something to a process of a fleet."""
+Act = Callable[[Fleet, str], object]  # does something to a process of a fleet
 
 
 class Row(NamedTuple):
@@ -121,8 +119,7 @@ class Row(NamedTuple):
     title: str
     begin: Act
     end: Act = lambda _fleet, _victim: None
-    victim: Callable[[Fleet], str] = lambda _: ""
-    """The process that it happens to, asked for when it does."""
+    victim: Callable[[Fleet], str] = lambda _: ""  # the process that it happens to, asked for when it does
     verdict: Verdict = anything
     lasts: float = AWAY  # between `begin` and `end` [s]
     heals: bool = False

@@ -160,8 +160,7 @@ eigenvalues of the whole loop's matrix, which the command does not use. *Jump*: 
 how far it is from what the gains and the integral of the step before would have made it, the largest over all
 robots and seven changes of up to four times as much, right after the start, on the way and in formation;
 production cores on a fake clock."""
-DRAWS, MOST = 100, 0.1
-"""Of each kind; share of a limit."""
+DRAWS, MOST = 100, 0.1  # of each kind; share of a limit
 MISSIONS, LAWS = ("six_robots", "turtlebot3_pair", "patrol"), ("field", "paper")
 
 

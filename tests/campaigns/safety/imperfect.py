@@ -21,8 +21,7 @@ from tests.support.missions import with_robots
 TITLE = "Imperfect sensing"
 NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)
 """Standard deviation of positions per axis [m]; age of others' positions [s]."""
-SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1
-"""Robots, starts and delay [s] of the second table."""
+SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1  # robots, starts and delay [s] of the second table
 RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 """Starts of each; [s]; a final error above this is a robot left behind [m]."""
 ABOUT = f"""\

@@ -45,8 +45,7 @@ def faults(mission: Mission, by_chance: Result) -> Iterator[str]:
 
 
 TITLE = "Missions that are made"
-RUNS, SIZES = 10, range(3, 51)
-"""Random starts of each; robots."""
+RUNS, SIZES = 10, range(3, 51)  # random starts of each; robots
 ABOUT = f"""\
 `formation new` for every shape, 3 to 50 robots, both kinds of robots. Of each mission: does `check` find a
 problem or a warning, would anybody hold after the loss of any one follower, is the bound under which it

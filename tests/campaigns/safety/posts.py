@@ -27,12 +27,10 @@ SIX = load("six_robots")
 HEAD = SIX.robots[SIX.leader].start.heading  # where the formation goes, unit [world frame]
 MOST = 5  # posts of a layout
 THIN, THICK = 0.04, 0.2  # their radii [m]
-NEAR, FAR = 1.8, 4.0
-"""How far ahead of where the leader starts they stand [m]; robots start behind it."""
+NEAR, FAR = 1.8, 4.0  # how far ahead of where the leader starts they stand [m]; robots start behind it
 ASIDE = 0.3
 """They stand as far to the left as the leftmost slot and so much more, and the same to the right [m]."""
-GAP = 0.6
-"""Between two of them at least [m]: a body with its margins needs 30 cm, the filter's disc ahead 50."""
+GAP = 0.6  # between two of them at least [m]: a body with its margins needs 30 cm, the filter's disc ahead 50
 BODY = SIX.robots[SIX.followers[0]].radius  # of a robot [m]
 
 
