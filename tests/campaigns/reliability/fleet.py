@@ -178,7 +178,8 @@ class Fleet:
 
     def order(self, *words: str) -> tuple[int, dict[str, Any]]:
         """`formation order` at the desk: its exit code and its report."""
-        command = (*module("formation.deploy"), "order", self.path, *words, "--json", "--timeout", "3")
+        own = ("--json", "--timeout", "3")
+        command: Words = (*module("formation.deploy"), "order", self.path, *words, *own)
         try:
             done = self.field.computers[DESK].run(*command, timeout=33.0)
         except subprocess.TimeoutExpired:

@@ -66,11 +66,12 @@ def run(options: Options) -> Found:
     """Try every row."""
     chosen = [row for row in ROWS if options.chosen(row.name)]
     todo = [
-        (MISSIONS[number % len(MISSIONS)], source) for number in range(options.tries) for source in SOURCES
+        (MISSIONS[number % len(MISSIONS)], source, [row for row in chosen if row.source == source])
+        for number in range(options.tries)
+        for source in SOURCES
     ]
     with ThreadPoolExecutor(options.fields) as pool:
-        runs = pool.map(lambda one: attempts(*one, [row for row in chosen if row.source == one[1]]), todo)
-        tries = [one for each in runs for one in each]
+        tries = [one for tried in pool.map(lambda run: attempts(*run), todo) for one in tried]
     return summaries({row.name: row.title for row in chosen}, tries)
 
 

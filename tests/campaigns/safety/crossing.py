@@ -100,7 +100,7 @@ and without. A run *comes into formation* when the error summed over all edges s
 until the end, for ten seconds at least."""
 ROBOTS = (6, 12, 25)
 RUNS = 1000  # starts of each kind
-LASTS = {"step": 0.05, "horizon": 60.0}  # [s]
+LASTS: dict[str, Any] = {"step": 0.05, "horizon": 60.0}  # [s]
 SPREAD, STREWN = 3.0, 0.2  # of starts at random, and of starts in somebody else's slot, to either side [m]
 CONVERGED, SLOWER, MICROSECONDS = 0.995, 1.5, 100.0  # the bars
 HEADER = (
