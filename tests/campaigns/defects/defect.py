@@ -11,16 +11,11 @@ class Defect(NamedTuple):
     """One change of one file."""
 
     name: str
-    file: str
-    """From the root of this repository."""
-    before: str
-    """What the file contains exactly once."""
-    after: str
-    """What replaces it."""
-    breaks: str
-    """What a user loses."""
-    first: tuple[str, ...]
-    """Groups of plans that it meets before the others."""
+    file: str  # from the root of this repository
+    before: str  # what the file contains exactly once
+    after: str  # what replaces it
+    breaks: str  # what a user loses
+    first: tuple[str, ...]  # groups of plans that it meets before the others
 
 
 def changed(defect: Defect, root: Path) -> str:

@@ -23,7 +23,6 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, parse
 from formation.deploy.rehearsal.rehearsal import Plan as Rehearsed
 from formation.deploy.rehearsal.rehearsal import rehearse
-from formation.deploy.rehearsal.rules.judge import Violation
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import parse as parse_mission
@@ -36,15 +35,11 @@ Broken = dict[str, Any]
 
 def main(words: Sequence[str]) -> None:
     """Say which formation this is, then try the plans of these numbers."""
-    say({"formation": formation.__file__})
+    print(json.dumps({"formation": formation.__file__}), flush=True)
     for number, broken in zip(words, each(run, [PLANS[int(word)] for word in words]), strict=True):
-        say({"plan": int(number), "broken": broken})
+        print(json.dumps({"plan": int(number), "broken": broken}), flush=True)
         if broken:
             return
-
-
-def say(what: dict[str, Any]) -> None:
-    print(json.dumps(what), flush=True)
 
 
 def run(plan: Plan) -> list[Broken]:
@@ -61,10 +56,9 @@ def run(plan: Plan) -> list[Broken]:
 def rehearsed(plan: Plan, path: Path | None) -> list[Broken]:
     """As ``formation rehearse`` does, and then ``formation replay --verify`` of its recording."""
     text, source = read(plan.source)
-    mission = parse_mission(text, source)
     if plan.noise:
-        text = command._noisy(text, plan.noise, mission.collisions.noise)
-        mission = parse_mission(text, source)
+        text = command._noisy(text, plan.noise, parse_mission(text, source).collisions.noise)
+    mission = parse_mission(text, source)
     every = tuple(kind for kind in KINDS if plan.signed or kind not in INSIDERS)
     verdict = rehearse(
         Rehearsed(
@@ -79,10 +73,10 @@ def rehearsed(plan: Plan, path: Path | None) -> list[Broken]:
         ),
         plan.seed,
     )
-    broken = [rule(one) for one in verdict.violations]
-    if path is None or broken:
-        return broken
-    return [*verified(path, "replay", "--verify"), *verified(path, "report")]
+    broken = [one._asdict() for one in verdict.violations]
+    if path is not None and not broken:
+        broken = [*verified(path, "replay", "--verify"), *verified(path, "report")]
+    return broken
 
 
 def verified(path: Path, *words: str) -> list[Broken]:
@@ -93,10 +87,8 @@ def verified(path: Path, *words: str) -> list[Broken]:
             code: Any = cli([words[0], str(path), *words[1:]])
         except SystemExit as end:
             code = end.code
-    if not code:
-        return []
     what = " ".join(said.getvalue().split())[-200:]
-    return [broken_by(words[0], f"exit code {code}: {what}")]
+    return [broken_by(words[0], f"exit code {code}: {what}")] if code else []
 
 
 def told(plan: Plan) -> list[Broken]:
@@ -113,16 +105,15 @@ def told(plan: Plan) -> list[Broken]:
             outcome = fleet.order(one.do, **one.what)
             if not fleet.violations and (outcome.missing or not outcome.obeyed):
                 answers = {name: reply.reply.reason for name, reply in outcome.answers.items()}
-                return [
-                    broken_by("order", f"{one.do}: missing {outcome.missing}, answers {answers}", fleet.now)
-                ]
+                what = f"{one.do}: missing {outcome.missing}, answers {answers}"
+                return [broken_by("order", what, fleet.now)]
         fleet.run(max(0.0, plan.seconds - fleet.now))
         try:
             fleet.run_until_settled()
         except AssertionError as error:
             if not fleet.violations:
                 return [broken_by("formation", str(error), fleet.now)]
-        return [rule(one) for one in fleet.violations] or disobeyed(plan, fleet)
+        return [one._asdict() for one in fleet.violations] or disobeyed(plan, fleet)
 
 
 def disobeyed(plan: Plan, fleet: RehearsedFleet) -> list[Broken]:
@@ -149,10 +140,6 @@ def disobeyed(plan: Plan, fleet: RehearsedFleet) -> list[Broken]:
 def broken_by(rule: str, what: str, time: float = 0.0) -> Broken:
     """A rule beside those of the judge that is broken at `time` [s]."""
     return {"rule": rule, "time": time, "robot": "", "what": what[:300]}
-
-
-def rule(violation: Violation) -> Broken:
-    return violation._asdict()
 
 
 if __name__ == "__main__":

@@ -8,8 +8,7 @@ from tests.campaigns.defects.reasons import REASONS
 from tests.campaigns.document import Found, head
 from tests.campaigns.figures import markdown, verdict
 
-SHARE = 0.95
-"""Share of the defects that is to be found."""
+SHARE = 0.95  # share of the defects that is to be found
 TITLE = "Deliberate defects"
 HEAD = """\
 Mistakes that a programmer could make, each built into a copy of the product by itself. A fixed list of
@@ -19,31 +18,21 @@ rehearsals then runs on the copy until a rule breaks. If one breaks without a de
 
 def text(found: Found) -> str:
     rows = found["defects"]
-    caught = [row for row in rows if row["found"]]
+    caught, missed = ([row for row in rows if row["found"] is one] for one in (True, False))
     rules = Counter(row["broken"][0]["rule"] for row in caught)
-    bars = [
-        (
-            f"{100 * SHARE:.0f} % are found",
-            f"{len(caught)} of {len(rows)}",
-            verdict(len(caught) >= SHARE * len(rows)),
-        )
-    ]
-    parts = [
-        markdown(("asked for", "found", ""), bars),
-        markdown(("rule that broke first", "defects"), [(rule, str(n)) for rule, n in rules.most_common()]),
-        f"Not found, with how many of the {found['plans']} plans each has met:\n\n"
-        + markdown(
-            ("defect", "what it breaks", "plans", "why, as supposed"), map(_missed, rows_missed(rows))
-        ),
-        "Found:\n\n" + markdown(("defect", "what it breaks", "rule", "plans", "plan"), map(_found, caught)),
-    ]
+    bar = (f"{len(caught)} of {len(rows)}", verdict(len(caught) >= SHARE * len(rows)))
     where = f"{found['date']}, commit {found['commit']}, {found['machine']}; {found['took'] / 60.0:.0f} min."
-    words = [where, *([found["note"]] if "note" in found else []), *(one.rstrip("\n") for one in parts)]
-    return head(TITLE, "defects", HEAD) + "\n" + "\n\n".join(words) + "\n"
-
-
-def rows_missed(rows: list[Found]) -> list[Found]:
-    return [row for row in rows if not row["found"]]
+    parts = [
+        where,
+        *([found["note"]] if "note" in found else []),
+        markdown(("asked for", "found", ""), [(f"{100 * SHARE:.0f} % are found", *bar)]),
+        markdown(("rule that broke first", "defects"), [(rule, str(n)) for rule, n in rules.most_common()]),
+        f"Not found, with how many of the {found['plans']} plans each has met:",
+        markdown(("defect", "what it breaks", "plans", "why, as supposed"), map(_missed, missed)),
+        "Found:",
+        markdown(("defect", "what it breaks", "rule", "plans", "plan"), map(_found, caught)),
+    ]
+    return head(TITLE, "defects", HEAD) + "\n" + "\n\n".join(one.rstrip("\n") for one in parts) + "\n"
 
 
 def _missed(row: Found) -> tuple[str, ...]:

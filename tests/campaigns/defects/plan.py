@@ -11,8 +11,7 @@ MISSIONS = Path(__file__).parent / "missions"
 class Told(NamedTuple):
     """What an operator orders, or does to a process or the network."""
 
-    at: float
-    """[s]"""
+    at: float  # [s]
     do: str
     what: dict[str, Any] = {}  # noqa: RUF012 - never changed
 
@@ -20,22 +19,17 @@ class Told(NamedTuple):
 class Plan(NamedTuple):
     """A mission, a seed, and what disturbs it."""
 
-    mission: str
-    """A shipped one, or a file of `MISSIONS` without its ending."""
+    mission: str  # a shipped one, or a file of `MISSIONS` without its ending
     seed: int = 0
-    kinds: tuple[str, ...] = ()
-    """Kinds of faults that are drawn; ``all`` for all that are possible."""
-    faults: tuple[str, ...] = ()
-    """Faults as they are typed."""
+    kinds: tuple[str, ...] = ()  # kinds of faults that are drawn; ``all`` for all that are possible
+    faults: tuple[str, ...] = ()  # faults as they are typed
     loss: float = 0.0
     delay: float = 0.0
     noise: float = 0.0
     seconds: float = 0.0
     signed: bool = False
-    recorded: bool = False
-    """Whether a monitor records it, and the recording is verified."""
-    told: tuple[Told, ...] = ()
-    """Orders of an operator, instead of drawn faults."""
+    recorded: bool = False  # whether a monitor records it, and the recording is verified
+    told: tuple[Told, ...] = ()  # orders of an operator, instead of drawn faults
 
     @property
     def source(self) -> str:
@@ -49,11 +43,7 @@ class Plan(NamedTuple):
         words = [self.mission, f"--seed {self.seed}"]
         words += [f"--faults {','.join(self.kinds)}"] if self.kinds else []
         words += [f"--fault {one}" for one in self.faults]
-        for name in ("loss", "delay", "noise", "seconds"):
-            value = getattr(self, name)
-            words += [f"--{name} {value:g}"] if value else []
+        numbers = {name: getattr(self, name) for name in ("loss", "delay", "noise", "seconds")}
+        words += [f"--{name} {value:g}" for name, value in numbers.items() if value]
         words += ["--signed"] * self.signed + ["recorded"] * self.recorded
-        words += [f"{one.do} at {one.at:g} s" for one in self.told]
-        return ", ".join(
-            [" ".join(words[: len(words) - len(self.told)]), *words[len(words) - len(self.told) :]]
-        )
+        return ", ".join([" ".join(words), *(f"{one.do} at {one.at:g} s" for one in self.told)])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
 from tests.campaigns.defects.plan import Plan, Told
 
@@ -47,171 +49,127 @@ REPLACED = (
 )
 
 
-def _trio(*faults: str) -> Plan:
-    return Plan("trio", faults=faults)
+def _on(mission: str, *plans: str, **others: Any) -> tuple[Plan, ...]:
+    """Plans of one mission, each given by its faults."""
+    return tuple(Plan(mission, faults=tuple(faults.split()), **others) for faults in plans)
 
 
-def _dark(plan: Plan, *names: str) -> Plan:
-    """The plan with a power cut of these processes."""
-    return plan._replace(faults=(*plan.faults, *(f"{name}:kill@6+1" for name in names)))
-
+_trio, _pair = partial(_on, "trio"), partial(_on, "turtlebot3_pair")
+_dark, _dark_pair = (  # a power cut of all processes
+    " ".join(f"{name}:kill@6+1" for name in names)
+    for names in (
+        ("leader", "deputy", "reserve", "robot1", "robot2", "robot3"),
+        ("leader", "robot1", "robot2"),
+    )
+)
 
 GROUPS: Mapping[str, tuple[Plan, ...]] = {
-    "quiet": (
-        Plan("turtlebot3_pair"),
-        Plan("tracked"),
-        Plan("measured"),
-        Plan("swap"),
-        Plan("trio", signed=True),
-    ),
-    "fenced": (Plan("fenced", seconds=25.0),),
-    "recorded": (Plan("trio", delay=0.1, noise=0.002, recorded=True),),
-    "killed": (_trio("leader:kill@6+8"), Plan("turtlebot3_pair", faults=("leader:kill@6+4",))),
-    "leadercut": (_trio("leader:cut@6+6"), _trio("leader:deaf@6+6"), Plan("trio", told=HALVES)),
-    "muted": (_trio("leader:freeze@6+5"), _trio("leader:mute@6+6", "deputy:freeze@9+4")),
+    "quiet": (*_pair(""), Plan("tracked"), Plan("measured"), Plan("swap"), Plan("trio", signed=True)),
+    "fenced": _on("fenced", "", seconds=25.0),
+    "recorded": _trio("", delay=0.1, noise=0.002, recorded=True),
+    "killed": (*_trio("leader:kill@6+8"), *_pair("leader:kill@6+4")),
+    "leadercut": (*_trio("leader:cut@6+6", "leader:deaf@6+6"), Plan("trio", told=HALVES)),
+    "muted": _trio("leader:freeze@6+5", "leader:mute@6+6 deputy:freeze@9+4"),
     "votes": (
-        Plan("trio", told=HALVES),
-        Plan("trio", told=RIVALS),
-        Plan("trio", told=ESTRANGED),
-        Plan("trio", told=REPLACED),
-        _trio("leader:reset@6+3", "deputy:kill@8+4"),
-        _trio("leader:kill@8+6", "reserve:deaf@8.5+0.5"),
+        *(Plan("trio", told=told) for told in (HALVES, RIVALS, ESTRANGED, REPLACED)),
+        *_trio("leader:reset@6+3 deputy:kill@8+4", "leader:kill@8+6 reserve:deaf@8.5+0.5"),
     ),
     "clocks": (
-        Plan("trio", told=ORDERS[:1], faults=("robot1:clock=30@1",)),
-        _trio("leader:clock=-50@5+3", "leader:kill@9+3"),
-        _trio("robot1:clock=30@5+8"),
-        _trio("leader:clock=90@5+2", "leader:reset@5.5+3"),
-        _trio("leader:clock=90@1+6", "leader:reset@7+0.3"),
+        *_trio("robot1:clock=30@1", told=ORDERS[:1]),
+        *_trio("leader:clock=-50@5+3 leader:kill@9+3", "robot1:clock=30@5+8"),
+        *_trio("leader:clock=90@5+2 leader:reset@5.5+3", "leader:clock=90@1+6 leader:reset@7+0.3"),
     ),
     "leaderlate": (
-        _trio("robot1:late=0.5@5+6"),
-        _trio("leader:late=0.5@5+6"),
-        _trio("leader:loss=0.5@5+8"),
-        Plan("measured", faults=("robot1:late=0.5@5+8",)),
+        *_trio("robot1:late=0.5@5+6", "leader:late=0.5@5+6", "leader:loss=0.5@5+8"),
+        *_on("measured", "robot1:late=0.5@5+8"),
     ),
-    "stop": (_trio("robot1:stop@5+4"), _trio("leader:delay=0.4@3+10", "robot1:stop@6+4")),
-    "stopkill": (
-        _trio("robot1:stop@4+8", "robot1:kill@6+2", "robot2:torn@7+2"),
-        _trio("robot1:hold@5+4", "robot3:kill@6+1"),
-    ),
+    "stop": _trio("robot1:stop@5+4", "leader:delay=0.4@3+10 robot1:stop@6+4"),
+    "stopkill": _trio("robot1:stop@4+8 robot1:kill@6+2 robot2:torn@7+2", "robot1:hold@5+4 robot3:kill@6+1"),
     "power": (
-        _dark(Plan("turtlebot3_pair", faults=("robot1:stop@4+8",)), "leader", "robot1", "robot2"),
-        _dark(Plan("turtlebot3_pair", faults=("robot1:hold@4+8",)), "leader", "robot1", "robot2"),
-        _dark(_trio("robot1:stop@4+9"), "leader", "deputy", "reserve", "robot1", "robot2", "robot3"),
+        *_pair(f"robot1:stop@4+8 {_dark_pair}", f"robot1:hold@4+8 {_dark_pair}"),
+        *_trio(f"robot1:stop@4+9 {_dark}"),
     ),
-    "leaderstop": (
-        _trio(
-            "robot1:stop@4+10", "leader:kill@6+2", "deputy:kill@6+2", "reserve:kill@6+2", "robot2:reset@7+2"
-        ),
+    "leaderstop": _trio("robot1:stop@4+10 leader:kill@6+2 deputy:kill@6+2 reserve:kill@6+2 robot2:reset@7+2"),
+    "waver": _trio(
+        "robot2:waver@3+2 robot1:stop@5.2+4",
+        "robot1:stop@4+3 robot2:loss=1@7.4+1.52 robot1:hold@8.25+4",
+        "robot2:waver@5+4",
+        "robot2:waver@5+4 robot2:loss=0.6@5+6",
     ),
-    "waver": (
-        _trio("robot2:waver@3+2", "robot1:stop@5.2+4"),
-        _trio("robot1:stop@4+3", "robot2:loss=1@7.4+1.52", "robot1:hold@8.25+4"),
-        _trio("robot2:waver@5+4"),
-        _trio("robot2:waver@5+4", "robot2:loss=0.6@5+6"),
+    "full": _trio("robot1:full@4+8 robot1:stop@6+5 robot1:kill@8+2"),
+    "crashed": _trio("robot1:kill@3+4", "robot1:kill@6+7"),
+    "torn": _trio("robot1:torn@6+1 robot3:torn@8+2"),
+    "robotcut": _trio("robot1:cut@6+6", "robot2:deaf@6+6"),
+    "robotstall": _trio("robot1:freeze@6+3", "robot3:freeze@4+0.8"),
+    "second": _trio("robot1:second@5+6", "robot1:second@3+4 leader:kill@4+6"),
+    "mixed": _trio("robot2:mixed@5+6", "robot1:mixed@5+6"),
+    "twice": _trio(
+        "robot2:twice=1@4+8 robot2:jitter=0.4@5+8",
+        "robot1:repeat=0.12@4+4",
+        "leader:jitter=0.5@4+8",
+        "robot1:again=2@4+10 robot1:kill@7+4",
     ),
-    "full": (_trio("robot1:full@4+8", "robot1:stop@6+5", "robot1:kill@8+2"),),
-    "crashed": (_trio("robot1:kill@3+4"), _trio("robot1:kill@6+7")),
-    "torn": (_trio("robot1:torn@6+1", "robot3:torn@8+2"),),
-    "robotcut": (_trio("robot1:cut@6+6"), _trio("robot2:deaf@6+6")),
-    "robotstall": (_trio("robot1:freeze@6+3"), _trio("robot3:freeze@4+0.8")),
-    "second": (_trio("robot1:second@5+6"), _trio("robot1:second@3+4", "leader:kill@4+6")),
-    "mixed": (_trio("robot2:mixed@5+6"), _trio("robot1:mixed@5+6")),
-    "twice": (
-        _trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"),
-        _trio("robot1:repeat=0.12@4+4"),
-        _trio("leader:jitter=0.5@4+8"),
-        _trio("robot1:again=2@4+10", "robot1:kill@7+4"),
+    "unwatched": _trio("robot1:unwatched@5+4 robot2:reset@6+4"),
+    "slow": _trio(
+        "robot2:slow=0.12@0.3+8", "robot1:slow=0.12@0.3+8 robot2:slow=0.12@0.3+8", "robot2:slow=0.2@5+8"
     ),
-    "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
-    "slow": (
-        _trio("robot2:slow=0.12@0.3+8"),
-        _trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"),
-        _trio("robot2:slow=0.2@5+8"),
-    ),
-    "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
-    "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
-    "carried": (
-        _trio("robot3:carried=0.2@6+6"),
-        Plan("tracked", faults=("robot1:hold@4+8", "robot2:carried=0.2@7+4")),
-    ),
-    "blocked": (_trio("robot3:blocked@6+6"), _trio("robot3:blocked@6+14")),
-    "speeds": (_trio("robot3:speeds=0@6+6"), _trio("robot3:speeds=1.8@6+6")),
-    "restamped": (_trio("robot3:restamped=1@6+6"),),
-    "stutter": (_trio("robot3:stutter=0.4@6+8"),),
-    "relative": (
-        Plan("measured", faults=("robot3:relative_frozen@6+6",)),
-        Plan("measured", faults=("robot3:relative_late=1@6+6",)),
-    ),
-    "tracked": (
-        Plan("tracked", faults=("robot1:frozen@6+6",)),
-        Plan("tracked", faults=("robot1:stale=1@6+6",)),
-        Plan("tracked", faults=("robot1:kill@6+2",)),
-        Plan("tracked", faults=("robot2:carried=0.2@6+5",)),
+    "frozen": _trio("robot3:frozen@6+6", "robot3:tremble=0.0005@6+6"),
+    "late": _trio("robot3:stale=0.45@6+6", "robot3:stale=1.5@6+6", "robot3:backlog=0.5@6+6"),
+    "carried": (*_trio("robot3:carried=0.2@6+6"), *_on("tracked", "robot1:hold@4+8 robot2:carried=0.2@7+4")),
+    "blocked": _trio("robot3:blocked@6+6", "robot3:blocked@6+14"),
+    "speeds": _trio("robot3:speeds=0@6+6", "robot3:speeds=1.8@6+6"),
+    "restamped": _trio("robot3:restamped=1@6+6"),
+    "stutter": _trio("robot3:stutter=0.4@6+8"),
+    "relative": _on("measured", "robot3:relative_frozen@6+6", "robot3:relative_late=1@6+6"),
+    "tracked": _on(
+        "tracked", "robot1:frozen@6+6", "robot1:stale=1@6+6", "robot1:kill@6+2", "robot2:carried=0.2@6+5"
     ),
     "pair": (
-        Plan("turtlebot3_pair", faults=("robot1:kill@6+2",)),
-        Plan("turtlebot3_pair", faults=("robot1:stale=1@6+6",)),
-        Plan("turtlebot3_pair", faults=("robot1:restart@5+1", "robot1:kill@8+2")),
-        Plan("turtlebot3_pair", seconds=40.0),
+        *_pair("robot1:kill@6+2", "robot1:stale=1@6+6", "robot1:restart@5+1 robot1:kill@8+2"),
+        *_pair("", seconds=40.0),
     ),
     "crossing": (
-        Plan("swap"),
-        Plan("swap", faults=("robot1:kill@5+4",)),
-        Plan("swap", faults=("robot2:stop@4+3",)),
-        Plan("swap", faults=("robot3:reset@4.5+6",)),
+        *_on("swap", "", "robot1:kill@5+4", "robot2:stop@4+3", "robot3:reset@4.5+6"),
         *(Plan("swap", seed, ("kill", "torn", "reset", "hold", "stop", "unwatched")) for seed in range(6)),
     ),
-    "barred": (Plan("blocked", faults=("robot2:kill@0.5", "robot3:kill@0.5")),),
-    "crowd": (
-        Plan("crowd", delay=0.1),
-        Plan("crowd", delay=0.2),
-        Plan("crowd", faults=("robot1:kill@1.5+6",)),
-    ),
-    "rests": (Plan("trio", told=RESTS),),
-    "bend": (Plan("trio", seconds=30.0),),
-    "paper": (Plan("trio_paper", faults=("robot1:kill@6+7",)),),
-    "orders": (Plan("trio", told=ORDERS),),
-    "ordersfailover": (Plan("trio", told=ORDERS[:3], faults=("leader:kill@20+6",)),),
+    "barred": _on("blocked", "robot2:kill@0.5 robot3:kill@0.5"),
+    "crowd": (Plan("crowd", delay=0.1), Plan("crowd", delay=0.2), *_on("crowd", "robot1:kill@1.5+6")),
+    "rests": _trio("", told=RESTS),
+    "bend": _trio("", seconds=30.0),
+    "paper": _on("trio_paper", "robot1:kill@6+7"),
+    "orders": _trio("", told=ORDERS),
+    "ordersfailover": _trio("leader:kill@20+6", told=ORDERS[:3]),
     "relayed": (
-        Plan("relay", faults=("leader:slow=0.12@0.1+8",)),
-        Plan("relay", signed=True, faults=("robot1:forge@5+8",)),
-        Plan("relay", signed=True, faults=("robot2:forge@4+12", "leader:kill@7+6")),
-        Plan("relay", faults=("leader:kill@6+8",)),
-        Plan("relay", faults=("robot1:late=0.5@5+6",)),
-        Plan("relay", faults=("robot1:jitter=0.5@4+8", "robot2:twice=1@4+8")),
+        *_on("relay", "leader:slow=0.12@0.1+8"),
+        *_on("relay", "robot1:forge@5+8", "robot2:forge@4+12 leader:kill@7+6", signed=True),
+        *_on("relay", "leader:kill@6+8", "robot1:late=0.5@5+6", "robot1:jitter=0.5@4+8 robot2:twice=1@4+8"),
     ),
-    "signed": (
-        Plan("trio", signed=True, faults=("robot1:forge@5+8",)),
-        Plan("trio", signed=True, faults=("robot3:forge@4+12", "leader:kill@7+6")),
-        Plan("trio", signed=True, faults=("robot1:replay@4+16", "leader:kill@8+10")),
+    "signed": _trio(
+        "robot1:forge@5+8",
+        "robot3:forge@4+12 leader:kill@7+6",
+        "robot1:replay@4+16 leader:kill@8+10",
+        signed=True,
     ),
     "drawn": (
         *(Plan("trio", seed, ("all",), signed=bool(seed % 2)) for seed in range(12)),
         *(Plan("turtlebot3_pair", seed, ("kill", "cut", "full", "hold", "stop")) for seed in range(2)),
-        *(Plan("patrol", seed, ("all",)) for seed in range(4)),
-        *(Plan("six_robots", seed, ("all",)) for seed in range(4)),
+        *(Plan(mission, seed, ("all",)) for mission in ("patrol", "six_robots") for seed in range(4)),
     ),
     "posts": (
-        Plan("posts"),
-        Plan("posts", seconds=20.0),
-        Plan("posts", faults=("robot1:scan_frozen@8+8",)),
-        Plan("posts", faults=("robot1:scan_late=1@8+8",)),
-        Plan("posts_unfiltered", faults=("robot1:unwatched@1",)),
+        *(Plan("posts"), Plan("posts", seconds=20.0)),
+        *_on("posts", "robot1:scan_frozen@8+8", "robot1:scan_late=1@8+8"),
+        *_on("posts_unfiltered", "robot1:unwatched@1"),
     ),
     "large": (
-        Plan("six_robots", noise=0.005, delay=0.1, seconds=60.0),
-        Plan("two_chains"),
-        Plan("patrol", recorded=True, faults=("robot1:stop@6+4",)),
+        *(Plan("six_robots", noise=0.005, delay=0.1, seconds=60.0), Plan("two_chains")),
+        *_on("patrol", "robot1:stop@6+4", recorded=True),
     ),
 }
 """All plans, in groups that are tried together."""
 PLANS: list[Plan] = []
 for _group in GROUPS.values():
     PLANS += [plan for plan in _group if plan not in PLANS]
-QUICK = 8
-"""Number of plans of a short run."""
+QUICK = 8  # plans of a short run
 
 
 def ordered(first: Sequence[str]) -> list[int]:

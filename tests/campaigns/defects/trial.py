@@ -15,10 +15,8 @@ from tests.campaigns.defects.copies import ROOT, copy
 from tests.campaigns.defects.defect import Defect
 from tests.campaigns.defects.plans import PLANS
 
-TIMEOUT_SECONDS = 3600.0
-"""Longest time for all plans of one defect [s]; a longer one hangs."""
-Row = dict[str, Any]
-"""What came of one defect, as in docs/defects.json."""
+TIMEOUT_SECONDS = 3600.0  # for all plans of one defect; what takes longer hangs
+Row = dict[str, Any]  # what came of one defect, as in docs/defects.json
 
 
 def tried(defect: Defect | None, numbers: Sequence[int]) -> Row:
@@ -27,15 +25,12 @@ def tried(defect: Defect | None, numbers: Sequence[int]) -> Row:
         folder = Path(name)
         copy(folder, defect)
         command = [sys.executable, "-m", "tests.campaigns.defects.inside", *map(str, numbers)]
-        variables = os.environ | {
-            "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}",
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "PYTHONSAFEPATH": "1",
-        }
+        paths = f"{folder}{os.pathsep}{ROOT}"
+        variables = {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONSAFEPATH": "1"}
         try:
             ran = subprocess.run(
-                command, cwd=folder, env=variables, capture_output=True, text=True, check=False,
-                timeout=TIMEOUT_SECONDS,
+                command, cwd=folder, env=os.environ | variables, timeout=TIMEOUT_SECONDS,
+                capture_output=True, text=True, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired as late:
             return _row(defect, _lines(late.stdout or b""), folder, {"rule": "hangs", "what": "no end"})

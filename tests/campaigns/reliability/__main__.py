@@ -5,32 +5,29 @@ python -m tests.campaigns.reliability [PART ...]
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any
 
-from tests.campaigns.document import DOCS, Found, count, head, one_of, section, stamp, update
-from tests.campaigns.reliability import failover, faults, network, sensors, shapes, soak, stop
-from tests.campaigns.reliability.campaign import Options, Part, tell
+from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
+from tests.campaigns.parts import command_line
+from tests.campaigns.reliability import campaign, failover, faults, network, sensors, shapes, soak, stop
+from tests.campaigns.reliability.campaign import Options, tell
 from tests.support.needs import missing
 
-PARTS: Mapping[str, Part] = {
-    name: cast("Part", module)
-    for name, module in {
-        "faults": faults,
-        "sensors": sensors,
-        "network": network,
-        "stop": stop,
-        "failover": failover,
-        "shapes": shapes,
-        "soak": soak,
-    }.items()
+PARTS: Mapping[str, Any] = {
+    part.__name__.rpartition(".")[2]: part
+    for part in (faults, sensors, network, stop, failover, shapes, soak)
 }
+"""Modules with a TITLE, ABOUT (what was done, in sentences), NAMES of their rows, and `run(options)`.
+
+What `run` gives has ``well``, whether all was as it should be. Some have a `section(found)` of their own, and
+`draw(found, folder)` for a picture.
+"""
 ALL = tuple(name for name in PARTS if name != "soak")
 JSON, TEXT = "reliability.json", "reliability.md"
 HEAD = """\
@@ -58,40 +55,43 @@ examples:
   python -m tests.campaigns.reliability soak --minutes 30
   python -m tests.campaigns.reliability failover --keep /tmp/why     logs and traces of tries that fail
 
-A part that is run anew takes its own place in docs/ and leaves the others as they are; with --only, --quick
-or --print nothing is written. It needs root, ip and nft, as tests marked `namespaces` do.
+A part that is run anew takes its own place in docs/ and leaves the others as they are; with --only or
+--quick nothing is written. It needs root, ip and nft, as tests marked `namespaces` do.
 
 Exit code 0: all was as it should be; 1: something was not; 2: nothing was tried.
 """
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    flags = _flags()
+    flags = command_line("reliability", __doc__, EXAMPLES, PARTS, "one try (soak: one minute)", jobs=2)
+    flags.add_argument(
+        "--tries", type=count(1000), default=20, metavar="N", help="of every row (default: 20)"
+    )
+    flags.add_argument(
+        "--only", action="append", default=[], metavar="ROW", help="rows whose names begin so; repeatable"
+    )
+    flags.add_argument("--minutes", type=float, default=30.0, metavar="M", help="of the soak (default: 30)")
+    flags.add_argument("--keep", type=Path, metavar="DIR", help="keep what was said in tries that failed")
     given = flags.parse_args(words)
     if lacking := missing("namespaces"):
         print(f"reliability: needs {lacking}", file=sys.stderr)
         return 2
-    chosen = list(dict.fromkeys(ALL if "all" in given.parts or not given.parts else given.parts))
-    tries = 1 if given.quick else given.tries
-    options = Options(
-        tries, given.fields, tuple(given.only), given.keep, 1.0 if given.quick else given.minutes
-    )
-    rows = {name: [row for row in PARTS[name].names() if options.chosen(row)] for name in chosen}
+    tries, minutes = (1, 1.0) if given.quick else (given.tries, given.minutes)
+    options = Options(tries, given.jobs, tuple(given.only), given.keep, minutes)
+    rows = {name: list(filter(options.chosen, PARTS[name].NAMES)) for name in given.parts or ALL}
     if not any(rows.values()):
-        legal = ", ".join(row for name in chosen for row in PARTS[name].names())
+        legal = ", ".join(row for name in rows for row in PARTS[name].NAMES)
         flags.error(f"--only {', '.join(given.only)}: must begin one of {legal}")
-    chosen = [name for name in chosen if rows[name]]
-    _estimate(chosen, rows, options)
-    found, kept = {}, not (given.print or given.quick or given.only)
-    for name in chosen:
+    well = True
+    for name in [name for name in rows if rows[name]]:
         tell(f"{name}: {', '.join(rows[name])}")
         began = time.monotonic()
-        one = PARTS[name].run(options)
-        found[name] = stamp(one, tries, time.monotonic() - began)
-        if kept:
-            write({name: found[name]})
-        print(PARTS[name].section(found[name]))
-    return 0 if all(one["well"] for one in found.values()) else 1
+        found = stamp(PARTS[name].run(options), tries, time.monotonic() - began)
+        if not (given.quick or given.only):
+            write({name: found})
+        print(_section(name, found))
+        well &= found["well"]
+    return 0 if well else 1
 
 
 def write(found: Mapping[str, Found], folder: Path = DOCS) -> None:
@@ -100,49 +100,16 @@ def write(found: Mapping[str, Found], folder: Path = DOCS) -> None:
     for name, one in update(folder / JSON, found, PARTS).items():
         part = PARTS[name]
         verdict = "all as it should be" if one["well"] else "**not all as it should be**"
-        about = (part.ABOUT, part.section(one))
-        sections.append(section("reliability", name, f"{part.TITLE}: {verdict}", one, *about))
+        title, words = f"{part.TITLE}: {verdict}", _section(name, one)
+        sections.append(section("reliability", name, title, one, part.ABOUT, words))
         if name in found and (draw := getattr(part, "draw", None)):
             draw(one, folder)
-    words = [head("Reliability", "reliability", HEAD), *sections]
-    (folder / TEXT).write_text("\n".join(words), encoding="utf-8")
+    every = [head("Reliability", "reliability", HEAD), *sections]
+    (folder / TEXT).write_text("\n".join(every), encoding="utf-8")
 
 
-def _estimate(chosen: Sequence[str], rows: Mapping[str, Sequence[str]], options: Options) -> None:
-    seconds = 0.0
-    for name in chosen:
-        part = PARTS[name]
-        share = len(rows[name]) / len(part.names())
-        seconds += options.minutes * 60.0 if name == "soak" else part.seconds(options) * share
-    tell(f"{options.tries} tries on {options.fields} fleets: about {seconds / 60.0:.0f} min")
-
-
-def _flags() -> argparse.ArgumentParser:
-    flags = argparse.ArgumentParser(
-        prog="python -m tests.campaigns.reliability",
-        description=__doc__,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parts = (*PARTS, "all")
-    flags.add_argument(
-        "parts", metavar="PART", nargs="*", type=one_of(parts), help=f"{', '.join(PARTS)}, or all (but soak)"
-    )
-    flags.add_argument(
-        "--tries", type=count(1000), default=20, metavar="N", help="of every row (default: 20)"
-    )
-    flags.add_argument(
-        "--only", action="append", default=[], metavar="ROW", help="rows whose names begin so; repeatable"
-    )
-    flags.add_argument(
-        "--fields", type=count(1000), default=2, metavar="K", help="fleets side by side (default: 2)"
-    )
-    flags.add_argument("--minutes", type=float, default=30.0, metavar="M", help="of the soak (default: 30)")
-    flags.add_argument("--keep", type=Path, metavar="DIR", help="keep what was said in tries that failed")
-    flags.add_argument("--print", action="store_true", help="write nothing")
-    flags.add_argument("--quick", action="store_true", help="one try (soak: one minute), and write nothing")
-    return flags
+def _section(name: str, found: Found) -> str:
+    return str(getattr(PARTS[name], "section", campaign.section)(found))
 
 
 if __name__ == "__main__":

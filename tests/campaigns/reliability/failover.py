@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,7 @@ from tests.campaigns.reliability.campaign import Options, campaign, failures, ta
 from tests.campaigns.reliability.faults import rows
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.seen import Led
-from tests.campaigns.reliability.trial import Judgement as Verdict
-from tests.campaigns.reliability.trial import Row, Times, replaced
+from tests.campaigns.reliability.trial import Judgement, Row, Times, replaced
 
 
 def recorded_leads(path: Path, mission: Mission) -> list[Led]:
@@ -40,8 +38,8 @@ def recorded_leads(path: Path, mission: Mission) -> list[Led]:
 
 TITLE = "Failover"
 TAKEOVERS = "figures/reliability_takeover.svg"
-BEFORE, AFTER = -0.5, 6.0
-"""Of a takeover, what is shown [s]."""
+NAMES = ("failover",)
+BEFORE, AFTER = -0.5, 6.0  # of a takeover, what is shown [s]
 ABOUT = """\
 Whoever leads is killed (kill -9) at a random moment, and started again after 2 s as a standby: the next time
 another one dies. *In time* is from the kill to the first word of the one who leads then; *error back after*
@@ -53,14 +51,6 @@ def run(options: Options) -> Found:
     found, tries = campaign(options, faults.maker, (_row(),))
     found["curves"] = [one.curve for one in tries]
     return found
-
-
-def names() -> Sequence[str]:
-    return ["failover"]
-
-
-def seconds(options: Options) -> float:
-    return 8.0 * options.tries / options.fields
 
 
 def section(found: Found) -> str:
@@ -88,10 +78,9 @@ def _row() -> Row:
     return kill._replace(name="failover", title="the leader killed", verdict=_alone)
 
 
-def _alone(fleet: Fleet, victim: str, times: Times) -> Verdict:
+def _alone(fleet: Fleet, victim: str, times: Times) -> Judgement:
     """Somebody takes its place, and nobody leads beside anybody in the recording."""
     found = replaced(fleet, victim, times)
     rivals = judge.rivals(recorded_leads(fleet.recording, fleet.mission))
-    return found._replace(
-        wrong=[*found.wrong, *(f"in the recording {a} and {b} led at once" for a, b in rivals)]
-    )
+    both = [f"in the recording {a} and {b} led at once" for a, b in rivals]
+    return found._replace(wrong=[*found.wrong, *both])

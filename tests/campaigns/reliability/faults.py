@@ -7,24 +7,23 @@ jump, one leader, the error back.
 from __future__ import annotations
 
 import random
-import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from signal import SIGCONT, SIGKILL, SIGSTOP
 
 from formation.mission.file import load
 from formation.mission.model import Mission
 from tests.campaigns.document import Found
 from tests.campaigns.reliability import trial
-from tests.campaigns.reliability.campaign import Options, campaign, failures, table
+from tests.campaigns.reliability.campaign import Options, campaign
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.missions import STRAIGHT
 from tests.campaigns.reliability.trial import Act, Row
 from tests.support.namespaces import Computer, until
 from tests.support.needs import path_of
 
-RESTART = 0.5
-"""What systemd waits before it starts again what died (`RestartSec`) [s]."""
+RESTART = 0.5  # what systemd waits before it starts again what died (`RestartSec`) [s]
 
 
 def rows(mission: Mission) -> tuple[Row, ...]:
@@ -37,14 +36,12 @@ def rows(mission: Mission) -> tuple[Row, ...]:
         "monitor": ("the monitor", lambda _: "monitor"),
         "watchdog": ("a watchdog", lambda _: f"watchdog {middle}"),
     }
-    parted = Row("partition", "the graph parted in two for 5 s", _nobody, _part, _heal, trial.anything, 5.0)
-    rolling = Row("rolling", "every process restarted in turn", _nobody, _roll, _nothing, trial.anything, 0.0)
     return (
         *(_row(kind, role, *victims[role]) for role in victims for kind in KINDS),
-        parted,
+        Row("partition", "the graph parted in two for 5 s", _part, lambda fleet, _: fleet.heal(), lasts=5.0),
         *(_clock(f"agent {middle}", off) for off in (10.0, -10.0, 3600.0, -3600.0)),
         _clock(f"agent {middle}", 10.0, driver=False),
-        rolling,
+        Row("rolling", "every process restarted in turn", _roll, lasts=0.0),
     )
 
 
@@ -58,17 +55,24 @@ def roles(mission: Mission) -> tuple[str, str, str]:
     return first, middle, leaf
 
 
-KINDS = ("kill", "pause", "unplug")
-WORDS = {"kill": "kill -9 {}", "pause": "SIGSTOP {}, SIGCONT", "unplug": "veth of {} down, up"}
+KINDS: Mapping[str, tuple[str, Act, Act]] = {
+    "kill": ("kill -9 {}", lambda fleet, one: fleet.signal(one, SIGKILL), Fleet.start),
+    "pause": (
+        "SIGSTOP {}, SIGCONT",
+        lambda fleet, one: fleet.signal(one, SIGSTOP),
+        lambda fleet, one: fleet.signal(one, SIGCONT),
+    ),
+    "unplug": (
+        "veth of {} down, up",
+        lambda fleet, one: fleet.computer(one).unplug(),
+        lambda fleet, one: fleet.computer(one).plug(),
+    ),
+}
+"""What is done to a process, in words, how, and how it is undone."""
 
 
-def fault(kind: str) -> tuple[Act, Act]:
-    return {"kill": (_kill, _start), "pause": (_pause, _go_on), "unplug": (_unplug, _plug)}[kind]
-
-
-def _row(kind: str, role: str, who: str, victim: Callable[[Fleet], str]) -> Row:
-    begin, end = fault(kind)
-    words = WORDS[kind]
+def _row(kind: str, role: str, title: str, victim: Callable[[Fleet], str]) -> Row:
+    words, begin, end = KINDS[kind]
     if (kind, role) == ("unplug", "watchdog"):  # it has one link, within its computer
         begin, end, words = _mute, _unmute, "{}'s link to the robot cut, mended"
     special = {
@@ -78,31 +82,7 @@ def _row(kind: str, role: str, who: str, victim: Callable[[Fleet], str]) -> Row:
     usual = {"leader": trial.replaced, "monitor": trial.unmoved, "watchdog": trial.unmoved}
     judged = special.get((kind, role), usual.get(role, trial.stands))
     heals = role == "leader"  # a standby does it
-    return Row(f"{kind}-{role}", words.format(who), victim, begin, end, judged, heals=heals)
-
-
-def _kill(fleet: Fleet, process: str) -> None:
-    fleet.signal(process, signal.SIGKILL)
-
-
-def _start(fleet: Fleet, process: str) -> None:
-    fleet.start(process)
-
-
-def _pause(fleet: Fleet, process: str) -> None:
-    fleet.signal(process, signal.SIGSTOP)
-
-
-def _go_on(fleet: Fleet, process: str) -> None:
-    fleet.signal(process, signal.SIGCONT)
-
-
-def _unplug(fleet: Fleet, process: str) -> None:
-    fleet.computer(process).unplug()
-
-
-def _plug(fleet: Fleet, process: str) -> None:
-    fleet.computer(process).plug()
+    return Row(f"{kind}-{role}", words.format(title), begin, end, victim, judged, heals=heals)
 
 
 def _mute(fleet: Fleet, process: str) -> None:
@@ -126,10 +106,6 @@ def _unmute(fleet: Fleet, process: str) -> None:
     fleet.computer(process).nft("delete table inet mute")
 
 
-def _nobody(_fleet: Fleet) -> str:
-    return ""
-
-
 def _part(fleet: Fleet, _victim: str) -> None:
     """Half of the followers, and whoever leads, on one side; the other half on the other."""
     followers = list(fleet.followers)
@@ -137,28 +113,16 @@ def _part(fleet: Fleet, _victim: str) -> None:
     fleet.part(followers[: len(followers) // 2])
 
 
-def _heal(fleet: Fleet, _victim: str) -> None:
-    fleet.heal()
-
-
-def _nothing(_fleet: Fleet, _victim: str) -> None:
-    return
-
-
 def _clock(process: str, off: float, *, driver: bool = True) -> Row:
     sign = "+" if off > 0 else "−"
     size = f"{abs(off):g} s" if abs(off) < 100.0 else f"{abs(off) / 3600.0:g} h"
 
-    def begin(fleet: Fleet, victim: str) -> None:
-        fleet.set_clock(victim.rpartition(" ")[2], off, driver=driver)
-
-    def end(fleet: Fleet, victim: str) -> None:
-        fleet.set_clock(victim.rpartition(" ")[2], 0.0, driver=driver)
+    def step(by: float) -> Act:
+        return lambda fleet, victim: fleet.set_clock(victim.rpartition(" ")[2], by, driver=driver)
 
     of = "one robot" if driver else "one agent, not of its robot's driver,"
     title = f"system clock of {of} stepped {sign}{size}, and back"
-    name = f"clock{'' if driver else '-agent'}{off:+g}"
-    return Row(name, title, lambda _: process, begin, end, trial.anything)
+    return Row(f"clock{'' if driver else '-agent'}{off:+g}", title, step(off), step(0.0), lambda _: process)
 
 
 def _roll(fleet: Fleet, _victim: str) -> None:
@@ -181,6 +145,9 @@ the robot of a dead, hung or unplugged agent was told to stand, by its watchdog 
 missing."""
 
 
+NAMES = [row.name for row in rows(load(MISSION))]
+
+
 def run(options: Options) -> Found:
     found, _ = campaign(options, maker, rows(load(MISSION)))
     return found
@@ -188,16 +155,3 @@ def run(options: Options) -> Found:
 
 def maker(folder: Path) -> Fleet:
     return Fleet(MISSION, folder, STRAIGHT)
-
-
-def names() -> Sequence[str]:
-    return [row.name for row in rows(load(MISSION))]
-
-
-def seconds(options: Options) -> float:
-    return 170.0 * options.tries / options.fields
-
-
-def section(found: Found) -> str:
-    every = found["rows"].values()
-    return f"{table(every)}\n{failures(every)}"

@@ -21,13 +21,11 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from formation.mission.file import read
-from formation.mission.model import Mission
 from formation.protocol.election import rank_of
 from formation.transport import wiring
 from formation.transport.wiring import Links
@@ -42,69 +40,6 @@ PATIENT = ("--cfg", "transport/unicast/max_links:2", "--cfg", "transport/link/tx
 ANYWHERE = f"0.0.0.0:{FLEET}"
 
 
-class Commands:
-    """Of one fleet."""
-
-    def __init__(self, mission: Mission, path: Path, folder: Path, *, lossy: bool = False) -> None:
-        """`path` is the mission's file, `folder` where processes keep theirs.
-
-        Where links are `lossy`, each has one by UDP beside it, for what may be lost.
-        """
-        self._mission, self._path, self._folder, self._lossy = mission, path, folder, lossy
-
-    def of(self, process: str, recording: Path) -> Words:
-        """Of a process by its name, such as ``agent robot2``; the monitor's goes to `recording`."""
-        part, _, name = process.partition(" ")
-        mission, where = self._mission, wiring.endpoints(self._mission)
-        match part:
-            case "monitor":
-                flags: Words = ("--record", recording, "--no-page", "--no-stage", "--snapshots")
-                links = Links((), tuple(where.agents.values()))
-                return (*module("formation.monitor"), self._path, *flags, *self._linked(links))
-            case "robot":
-                flags = ("--robot", name, "-l", "tcp/0.0.0.0:7447")
-                return (
-                    *self._clocked(self.driver_clock(name)),
-                    "formation.agent.simulated",
-                    self._path,
-                    *flags,
-                )
-            case "watchdog":
-                clock = self._clocked(self.clock(name))
-                return (*clock, "formation.agent.watchdog", self._path, "--robot", name)
-            case "agent":
-                links = wiring.of_member(mission, name, where)
-                flags = ("--robot", name, "--state", self._folder / "state" / name)
-                clock = self._clocked(self.clock(name))
-                return (*clock, "formation.agent", self._path, *flags, *self._linked(links))
-            case _:
-                own = ("--standby", name) if part == "standby" else ()
-                links = wiring.of_member(mission, name or mission.leader, where)
-                return (*module("formation.leader"), self._path, *own, *self._linked(links))
-
-    def clock(self, robot: str) -> Path:
-        """The file that says how far the clock of a robot's agent and watchdog is off [s]."""
-        return self._folder / f"{robot}.clock"
-
-    def driver_clock(self, robot: str) -> Path:
-        """The same for the robot's driver."""
-        return self._folder / f"{robot}.driver.clock"
-
-    def _clocked(self, clock: Path) -> Words:
-        return (*module("tests.campaigns.reliability.clocked"), clock)
-
-    def _linked(self, links: Links) -> list[str]:
-        words = ["-l", f"tcp/{ANYWHERE}"] if links.listen else []
-        for end in links.connect:
-            words += ["-e", end]
-        if self._lossy:
-            words += ["-l", beside(f"tcp/{ANYWHERE}")] if links.listen else []
-            for end in links.connect:
-                words += ["-e", beside(end)]
-            words += PATIENT
-        return words
-
-
 def beside(endpoint: str) -> str:
     """The same place by UDP, for what may be lost."""
     return f"udp/{endpoint.partition('/')[2]}?rel=0"
@@ -115,8 +50,7 @@ def module(name: str) -> tuple[str, ...]:
     return (sys.executable, "-m", name)
 
 
-START = 120.0
-"""How long everybody together has to start, on a busy machine [s]."""
+START = 120.0  # how long all processes together have to start, on a busy machine [s]
 DESK, WITNESS = "desk", "witness"
 
 
@@ -134,24 +68,20 @@ class Fleet:
     ) -> None:
         """`source` is a mission's name or its text, `changes` replace some keys; files go to `folder`.
 
-        Links may be `lossy`, as `Commands` says;
+        Where links are `lossy`, each has one by UDP beside it, for what may be lost;
         `without` names kinds of processes that this fleet does not have, such as ``watchdog``.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+        self.folder, self._lossy = folder, lossy
         text = source if "\n" in source else read(source)[0]
         self.path, self.mission = placed(text, folder, changes)
         self._without = frozenset(without)
-        self._commands = Commands(self.mission, self.path, folder, lossy=lossy)
+        self.followers = self.mission.followers
         self.field = Field(aside=True)
         self.running: dict[str, Running] = {}
         self.seen = Seen(self.mission)
         self._recordings = 0
         self._parted = False
-
-    @property
-    def followers(self) -> tuple[str, ...]:
-        return self.mission.followers
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -170,13 +100,11 @@ class Fleet:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.seen.close()
         self.field.close()
 
-    def begin(self, patience: float = START) -> None:
+    def begin(self) -> None:
         """Start everybody, robots first, and wait until the witness sees all of them."""
         for name in sorted(self.names, key=lambda name: not name.startswith("robot")):
             self.start(name)
@@ -188,11 +116,44 @@ class Fleet:
             *module("tests.campaigns.reliability.witness"), self.path, file, *words
         )
         for name in self.names:
-            self.running[name].event("ready", patience)
-        look.event("ready", patience)
+            self.running[name].event("ready", START)
+        look.event("ready", START)
         self.running[WITNESS] = look
         self.seen = Seen(self.mission, file)
-        until(self._sees_all, patience, "the witness sees every robot and the leader")
+        until(self._sees_all, START, "the witness sees every robot and the leader")
+
+    def _command(self, process: str) -> Words:
+        """The command line of a process, as in the field; a robot's with clocks that can be set."""
+        part, _, name = process.partition(" ")
+        where = wiring.endpoints(self.mission)
+        own: Words = ("--robot", name)
+        match part:
+            case "monitor":
+                own = ("--record", self.recording, "--no-page", "--no-stage", "--snapshots")
+                links = self._linked(Links((), tuple(where.agents.values())))
+                return (*module("formation.monitor"), self.path, *own, *links)
+            case "robot":
+                clocked = self._clocked(name, "driver.clock", "formation.agent.simulated")
+                return (*clocked, *own, "-l", "tcp/0.0.0.0:7447")
+            case "watchdog":
+                return (*self._clocked(name, "clock", "formation.agent.watchdog"), *own)
+        links = self._linked(wiring.of_member(self.mission, name or self.mission.leader, where))
+        if part == "agent":
+            state = ("--state", self.folder / "state" / name)
+            return (*self._clocked(name, "clock", "formation.agent"), *own, *state, *links)
+        own = ("--standby", name) if part == "standby" else ()
+        return (*module("formation.leader"), self.path, *own, *links)
+
+    def _clocked(self, robot: str, clock: str, runs: str) -> Words:
+        clocked = module("tests.campaigns.reliability.clocked")
+        return (*clocked, self.folder / f"{robot}.{clock}", runs, self.path)
+
+    def _linked(self, links: Links) -> list[str]:
+        words: list[str] = []
+        for place in (str, beside) if self._lossy else (str,):
+            words += ["-l", place(f"tcp/{ANYWHERE}")] if links.listen else []
+            words += [word for end in links.connect for word in ("-e", place(end))]
+        return [*words, *PATIENT] if self._lossy else words
 
     def computer(self, process: str) -> Computer:
         owner = {"leader": self.mission.leader, "monitor": DESK}.get(process, process.rpartition(" ")[2])
@@ -201,7 +162,7 @@ class Fleet:
     def start(self, process: str) -> Running:
         """Start a process, for the first time or again, by its real command line."""
         self._recordings += process == "monitor"
-        one = self.computer(process).start(*self._commands.of(process, self.recording))
+        one = self.computer(process).start(*self._command(process))
         self.running[process] = one
         return one
 
@@ -215,12 +176,12 @@ class Fleet:
     def end(self, process: str) -> None:
         self.running[process].stop()
 
-    def order(self, *words: str, timeout: float = 3.0) -> tuple[int, dict[str, Any]]:
+    def order(self, *words: str) -> tuple[int, dict[str, Any]]:
         """`formation order` at the desk: its exit code and its report."""
-        command: tuple[str | Path, ...] = (*module("formation.deploy"), "order", self.path, *words, "--json")
-        command += ("--timeout", f"{timeout:g}")
+        own = ("--json", "--timeout", "3")
+        command: Words = (*module("formation.deploy"), "order", self.path, *words, *own)
         try:
-            done = self.field.computers[DESK].run(*command, timeout=timeout + 30.0)
+            done = self.field.computers[DESK].run(*command, timeout=33.0)
         except subprocess.TimeoutExpired:
             raise AssertionError(f"order {' '.join(words)} did not come to its end") from None
         lines = done.stdout.splitlines()
@@ -261,21 +222,17 @@ class Fleet:
 
     def set_clock(self, robot: str, off: float, *, driver: bool) -> None:
         """Set the clock of a robot's agent and watchdog, and of its `driver`, so far off [s]."""
-        self._commands.clock(robot).write_text(str(off))
-        if driver:
-            self._commands.driver_clock(robot).write_text(str(off))
+        for clock in ("clock", "driver.clock") if driver else ("clock",):
+            (self.folder / f"{robot}.{clock}").write_text(str(off))
 
     def lose(self, share: float) -> None:
-        """Of every packet that comes from the air to any computer, lose so many; 0 for none any more."""
+        """Of every packet that comes from the air to any computer, lose so many. Once in a fleet's life."""
+        hook = "type filter hook input priority 0;"
+        drop = f"numgen random mod 1000 < {round(1000 * share)} drop"
         for name in (*wiring.members(self.mission), DESK):
             computer = self.field.computers[name]
-            computer.nft("add table inet loss; delete table inet loss")
-            if share > 0.0:
-                computer.nft(
-                    "add table inet loss; add chain inet loss in { type filter hook input priority 0; }"
-                )
-                drop = f"numgen random mod 1000 < {round(1000 * share)} drop"
-                computer.nft(f"add rule inet loss in iifname eth0 {drop}")
+            computer.nft(f"add table inet loss; add chain inet loss in {{ {hook} }}")
+            computer.nft(f"add rule inet loss in iifname eth0 {drop}")
 
     def delay(self, seconds: float) -> None:
         """Every packet takes so much longer from now on. Once in a fleet's life."""

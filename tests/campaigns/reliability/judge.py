@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,27 +16,19 @@ import numpy as np
 from formation.mission.robot import RobotSpec
 from tests.campaigns.reliability.seen import Commanded, Floats, Led, Seen, window
 
-NEAR = 0.02
-"""A formation error that is no longer one [m]."""
-STAYS = 1.0
-"""So long it has to stay under that [s]."""
-STEP = 0.05
-"""At which times errors are looked at [s]."""
-OVER = 1.0 + 1e-6
-"""A share of a limit that is above it."""
-JUMP = 0.5
-"""Largest share of a limit that a command may jump."""
+NEAR = 0.02  # a formation error that is no longer one [m]
+STAYS = 1.0  # so long it has to stay under that [s]
+STEP = 0.05  # at which times errors are looked at [s]
+OVER = 1.0 + 1e-6  # a share of a limit that is above it
+JUMP = 0.5  # largest share of a limit that a command may jump
 
 
 class Motion(NamedTuple):
     """How a robot, or many, was commanded."""
 
-    peak: float
-    """Largest command, as a share of its limit."""
-    jump: float
-    """Largest jump that was not to zero, as a share of the limit."""
-    zeros: int
-    """How often a moving robot was told to stand."""
+    peak: float  # largest command, as a share of its limit
+    jump: float  # largest jump that was not to zero, as a share of the limit
+    zeros: int  # how often a moving robot was told to stand
 
     @classmethod
     def of(cls, commands: Sequence[Commanded], robot: RobotSpec) -> Motion:
@@ -58,12 +50,8 @@ class Motion(NamedTuple):
     @classmethod
     def worst(cls, motions: Iterable[Motion]) -> Motion:
         """Of many."""
-        all_of = list(motions)
-        return cls(
-            max((one.peak for one in all_of), default=0.0),
-            max((one.jump for one in all_of), default=0.0),
-            sum(one.zeros for one in all_of),
-        )
+        peaks, jumps, zeros = zip(*motions, strict=True)
+        return cls(max(peaks), max(jumps), sum(zeros))
 
 
 def motion(seen: Seen, since: float, until: float = math.inf) -> Motion:
@@ -107,13 +95,12 @@ def stood(commands: Sequence[Commanded], since: float, until: float) -> float | 
 
     A robot that was told to stand before, and nothing else since, stood at once.
     """
-    moving = [one.at for one in commands if since <= one.at < until and not one.zero]
-    last = moving[-1] if moving else None
-    zeros = [one.at for one in commands if one.zero and one.at < until and (last is None or one.at > last)]
     before = [one for one in commands if one.at < since]
-    if last is None and before and before[-1].zero:
+    during = [one for one in commands if since <= one.at < until]
+    moving = [one.at for one in during if not one.zero]
+    if not moving and before and before[-1].zero:
         return 0.0
-    zeros = [at for at in zeros if at >= since]
+    zeros = [one.at for one in during if one.zero and not (moving and one.at <= moving[-1])]
     return zeros[0] - since if zeros else None
 
 
@@ -130,8 +117,7 @@ class LeaderTerm(NamedTuple):
     """From when to when somebody led."""
 
     since: float
-    until: float
-    """[s, monotonic]"""
+    until: float  # [s, monotonic]
     publisher_id: str
     term: int
 
@@ -148,13 +134,7 @@ def leader_terms(leads: Sequence[Led]) -> list[LeaderTerm]:
 
 def rivals(leads: Sequence[Led]) -> list[tuple[LeaderTerm, LeaderTerm]]:
     """Pairs that led at the same time."""
-    ordered = leader_terms(leads)
-    return [
-        (one, other)
-        for number, one in enumerate(ordered)
-        for other in ordered[number + 1 :]
-        if other.since <= one.until
-    ]
+    return [(one, other) for one, other in combinations(leader_terms(leads), 2) if other.since <= one.until]
 
 
 def taken_over(leads: Sequence[Led], since: float) -> float | None:

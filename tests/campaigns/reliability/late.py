@@ -1,6 +1,6 @@
 """Positions and orders that come late: fleets on a fake clock, at random moments.
 
-``python -m tests.campaigns.reliability.late [--missions NAME ...] [--seeds N]`` makes each robot's own
+``python -m tests.campaigns.reliability.late [--seeds N]`` makes each robot's own
 positions late by each of `LATE`, or later and later, and each link slower and slower; it prints a table and
 ends with 1 if anything moved that should not have. `tests/unit/agent/test_lateness.py` has a few of these as
 tests.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import random
 import sys
+from itertools import product
 from typing import NamedTuple
 
 from formation.mission.file import load
@@ -21,16 +22,11 @@ from formation.protocol.status import AgentState
 from tests.support.fleet import Fleet, Link
 
 MISSIONS = ("six_robots", "turtlebot3_pair", "patrol", "two_chains")
-LATE = (0.3, 0.5, 1.0, 2.0, 4.0)
-"""[s]"""
-GRACE = 1.0
-"""From so long after the fault begins on, the robot must stand [s]."""
-FARTHEST = 0.1
-"""It may drive this far while it should stand [m]."""
-LASTS = 8.0
-"""A fault of a sensor [s]."""
-BACK = 6.0
-"""So long after the fault ends the robot runs again at most, beyond what is still under way [s]."""
+LATE = (0.3, 0.5, 1.0, 2.0, 4.0)  # [s]
+GRACE = 1.0  # from so long after the fault begins on, the robot must stand [s]
+FARTHEST = 0.1  # it may drive this far while it should stand [m]
+LASTS = 8.0  # a fault of a sensor [s]
+BACK = 6.0  # so long after the fault ends the robot runs again at most, beyond what is still under way [s]
 BOUNDED = LEADER_TIMEOUT_SECONDS + MAX_BEAT_LATENESS + 1.5
 """So long after their leader's death robots behind links that slow down hold at most [s]."""
 
@@ -38,12 +34,9 @@ BOUNDED = LEADER_TIMEOUT_SECONDS + MAX_BEAT_LATENESS + 1.5
 class Outcome(NamedTuple):
     """What came of one try."""
 
-    driven: float
-    """While it should have stood [m]."""
-    held: bool
-    """Whether it held."""
-    well: bool
-    """Whether it went on by itself when the sensor was well."""
+    driven: float  # while it should have stood [m]
+    held: bool  # whether it held
+    well: bool  # whether it went on by itself when the sensor was well
 
 
 def late_sensor(mission: Mission, robot: str, link: Link, seed: int, lasts: float = LASTS) -> Outcome:
@@ -68,10 +61,8 @@ def dead_leader(mission: Mission, link: Link, seed: int, lasts: float = 4.0) -> 
     """How long after the leader's death all hold whose links have been this bad for `lasts` [s]."""
     fleet = Fleet(mission, seed=seed)
     fleet.run(random.Random(seed).uniform(8.0, 10.0))
-    for one in mission.names:
-        for other in mission.followers:
-            sender = "leader" if one == mission.leader else one
-            fleet.links[sender, other] = link._replace(since=fleet.now)
+    for one, other in product(("leader", *mission.followers), mission.followers):
+        fleet.links[one, other] = link._replace(since=fleet.now)
     fleet.run(lasts)
     fleet.kill("leader")
     began = last = fleet.now
@@ -101,16 +92,15 @@ LINKS: dict[str, Link] = {
 def main(arguments: list[str]) -> int:
     """Try them all."""
     parser = argparse.ArgumentParser(prog="tests.campaigns.reliability.late", description=__doc__)
-    parser.add_argument("--missions", nargs="+", default=MISSIONS, choices=MISSIONS)
     parser.add_argument("--seeds", type=int, default=20)
-    chosen = parser.parse_args(arguments)
+    seeds = range(parser.parse_args(arguments).seeds)
     wrong = 0
-    for name in chosen.missions:
-        mission = load(name)
-        for words, link in SENSORS.items():
-            wrong += _row(name, words, [_sensor(mission, link, seed) for seed in range(chosen.seeds)])
-        for words, link in LINKS.items():
-            wrong += _row(name, words, [_leader(mission, link, seed) for seed in range(chosen.seeds)])
+    for name, (words, link) in product(MISSIONS, [*SENSORS.items(), *LINKS.items()]):
+        tried = _leader if words in LINKS else _sensor
+        tries = [tried(load(name), link, seed) for seed in seeds]
+        good, worst = sum(well for well, _ in tries), max(figure for _, figure in tries)
+        print(f"{name} | {words} | {good} of {len(tries)} | worst {worst:.3f}", flush=True)
+        wrong += len(tries) - good
     return int(wrong > 0)
 
 
@@ -123,12 +113,6 @@ def _sensor(mission: Mission, link: Link, seed: int) -> tuple[bool, float]:
 def _leader(mission: Mission, link: Link, seed: int) -> tuple[bool, float]:
     took = dead_leader(mission, link, seed)
     return took <= BOUNDED, took
-
-
-def _row(name: str, words: str, tries: list[tuple[bool, float]]) -> int:
-    good, worst = sum(well for well, _ in tries), max(figure for _, figure in tries)
-    print(f"{name} | {words} | {good} of {len(tries)} | worst {worst:.3f}", flush=True)
-    return len(tries) - good
 
 
 if __name__ == "__main__":

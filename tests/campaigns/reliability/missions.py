@@ -13,10 +13,8 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from tests.support.namespaces import NETWORK
 
-FLEET = "7460"
-"""Port of agents, leader and standbys, each on its own computer."""
-ROBOT = "tcp/127.0.0.1:7447"
-"""Where a robot listens: on its own computer."""
+FLEET = "7460"  # port of agents, leader and standbys, each on its own computer
+ROBOT = "tcp/127.0.0.1:7447"  # where a robot listens: on its own computer
 STRAIGHT = {"route": [{"speed": 0.2, "heading_deg": 0.0}]}
 """Changes a mission: its leader goes on like this for ever, so that no bend has a part in what errors do."""
 
@@ -31,9 +29,8 @@ def placed(text: str, folder: Path, changes: Mapping[str, Any] | None = None) ->
     leader = data["leader"]
     followers = [name for name in data["robots"] if name != leader]
     data["robots"] = {name: data["robots"][name] for name in (leader, *followers)}
-    tables = [(data["robots"], name) for name in data["robots"]]
-    tables += [(data.get("standbys", {}), name) for name in data.get("standbys", {})]
-    for number, (table, name) in enumerate(tables, 1):
+    members = [(table, name) for table in (data["robots"], data.get("standbys", {})) for name in table]
+    for number, (table, name) in enumerate(members, 1):
         table[name] = {key: value for key, value in table[name].items() if key != "robot_endpoint"}
         table[name] |= {"endpoint": f"tcp/{NETWORK}.{number}:{FLEET}"}
     data["robot"] = {**data.get("robot", {}), "robot_endpoint": ROBOT}
@@ -42,8 +39,7 @@ def placed(text: str, folder: Path, changes: Mapping[str, Any] | None = None) ->
     return path, load(path)
 
 
-ROW = 5
-"""Robots in a row of a larger team, each behind the one before it and beside another."""
+ROW = 5  # robots in a row of a larger team, each behind the one before it and beside another
 
 
 def crowd(robots: int, standbys: int = 0) -> str:
@@ -60,19 +56,14 @@ def crowd(robots: int, standbys: int = 0) -> str:
         tables[name] = {"neighbours": neighbours, "start": {"x": x - 0.1, "y": y}}
         if "leader" not in neighbours:
             tables[name]["fallback_neighbours"] = ["leader"]
-    return tomlkit.dumps(
-        {
-            "name": "crowd",
-            "leader": "leader",
-            "robot": {"rate": 10.0, "max_speed": 0.5, "max_turn_rate": 1.5, "radius": 0.2, "ramp": 0.5},
-            "law": {"k_p": 1.5, "k_i": 0.3},
-            "route": [{"speed": 0.1, "heading_deg": 0.0}],
-            "shapes": {"rows": slots},
-            "robots": tables,
-            **(
-                {"standbys": {f"standby{number}": {} for number in range(1, standbys + 1)}}
-                if standbys
-                else {}
-            ),
-        }
-    )
+    mission = {
+        "name": "crowd",
+        "leader": "leader",
+        "robot": {"rate": 10.0, "max_speed": 0.5, "max_turn_rate": 1.5, "radius": 0.2, "ramp": 0.5},
+        "law": {"k_p": 1.5, "k_i": 0.3},
+        "route": [{"speed": 0.1, "heading_deg": 0.0}],
+        "shapes": {"rows": slots},
+        "robots": tables,
+    }
+    spare = {f"standby{number}": dict[str, Any]() for number in range(1, standbys + 1)}
+    return tomlkit.dumps({**mission, "standbys": spare} if spare else mission)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.plots import BLUE, ORANGE, panels
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import Options, span, tell
@@ -25,26 +24,17 @@ TITLE = "Network"
 CONDITIONS = "figures/reliability_network.svg"
 MISSION = "patrol"
 ROBOT = {
-    "control_point_offset": 0.1,
-    "max_speed": 0.8,
-    "max_turn_rate": 2.0,
-    "radius": 0.1,
-    "rate": 10.0,
-    "ramp": 0.5,
-}
-CHANGES = {
-    **STRAIGHT,  # all drive the same, however long it takes to converge
-    "turning": False,
-    "takeover": 6.0,
-    "robot": ROBOT,
-}
-"""For bad air: three periods are 0.3 s then, and a leader's lease outlives some rounds that are lost."""
-AS_SHIPPED = {**STRAIGHT, "turning": False}
-"""As the mission ships: TCP alone, 20 Hz, a lease of 1 s."""
-LONGEST = 90.0
-"""For the formation to stand, from the moment that everybody is seen [s]."""
-HELD = 10.0
-"""How long the error is looked at from then on [s]."""
+    "control_point_offset": 0.1, "max_speed": 0.8, "max_turn_rate": 2.0,
+    "radius": 0.1, "rate": 10.0, "ramp": 0.5,
+}  # fmt: skip
+CHANGES = {**STRAIGHT, "turning": False, "takeover": 6.0, "robot": ROBOT}
+"""For bad air: three periods are 0.3 s then, and a leader's lease outlives some rounds that are lost.
+
+All drive the same, however long it takes to converge.
+"""
+AS_SHIPPED = {**STRAIGHT, "turning": False}  # as the mission ships: TCP alone, 20 Hz, a lease of 1 s
+LONGEST = 90.0  # for the formation to stand, from the moment that all robots are seen [s]
+HELD = 10.0  # how long the error is looked at from then on [s]
 ABOUT = """\
 A new fleet for each try, from the mission's own starts; as soon as all have found each other, every packet
 that arrives at any computer is lost with the probability given (nft, `numgen random`), and all take so much
@@ -62,51 +52,35 @@ class Cell(NamedTuple):
     """One condition."""
 
     name: str
-    loss: float
-    """Probability."""
-    delay: float
-    """One way [s]."""
-    must: bool
-    """Whether the formation has to converge."""
-    shipped: bool = False
-    """Whether the fleet is set up as its mission ships, and not for bad air."""
+    loss: float  # probability
+    delay: float = 0.0  # one way [s]
+    must: bool = True  # whether the formation has to converge
+    shipped: bool = False  # whether the fleet is set up as its mission ships, and not for bad air
 
 
 CELLS = (
-    Cell("none", 0.0, 0.0, must=True),
-    Cell("loss1", 0.01, 0.0, must=True),
-    Cell("loss10", 0.10, 0.0, must=True),
-    Cell("loss30", 0.30, 0.0, must=True),
-    Cell("loss50", 0.50, 0.0, must=False),
-    Cell("delay20", 0.0, 0.02, must=True),
-    Cell("delay100", 0.0, 0.10, must=True),
-    Cell("delay300", 0.0, 0.30, must=True),
-    Cell("both", 0.30, 0.10, must=True),
-    Cell("tcp-none", 0.0, 0.0, must=True, shipped=True),
-    Cell("tcp-loss1", 0.01, 0.0, must=True, shipped=True),
-    Cell("tcp-loss10", 0.10, 0.0, must=False, shipped=True),
-    Cell("tcp-loss30", 0.30, 0.0, must=False, shipped=True),
+    Cell("none", 0.0),
+    Cell("loss1", 0.01),
+    Cell("loss10", 0.10),
+    Cell("loss30", 0.30),
+    Cell("loss50", 0.50, must=False),
+    Cell("delay20", 0.0, 0.02),
+    Cell("delay100", 0.0, 0.10),
+    Cell("delay300", 0.0, 0.30),
+    Cell("both", 0.30, 0.10),
+    Cell("tcp-none", 0.0, shipped=True),
+    Cell("tcp-loss1", 0.01, shipped=True),
+    Cell("tcp-loss10", 0.10, must=False, shipped=True),
+    Cell("tcp-loss30", 0.30, must=False, shipped=True),
     Cell("tcp-delay100", 0.0, 0.10, must=False, shipped=True),
 )
-
-
-def names() -> Sequence[str]:
-    return [cell.name for cell in CELLS]
-
-
-def repeats(options: Options) -> int:
-    """How often each is tried: a fleet of its own each time, so not as often as a fault."""
-    return max(1, options.tries // 7)
-
-
-def seconds(options: Options) -> float:
-    return 55.0 * len(CELLS) * repeats(options) / options.fields
+NAMES = [cell.name for cell in CELLS]
 
 
 def run(options: Options) -> Found:
     chosen = [cell for cell in CELLS if options.chosen(cell.name)]
     results: dict[str, list[dict[str, Any]]] = {cell.name: [] for cell in chosen}
-    todo = chosen * repeats(options)
+    todo = chosen * max(1, options.tries // 7)  # a fleet of its own each time, so not as often as a fault
     with ThreadPoolExecutor(options.fields) as pool:
         for cell, one in zip(todo, pool.map(_tried, todo), strict=True):
             results[cell.name].append(one)
@@ -116,35 +90,21 @@ def run(options: Options) -> Found:
 
 def section(found: Found) -> str:
     cells = found["cells"]
-    free = {shipped: cells.get(name, {}).get("settled") for shipped, name in _LOSS_FREE.items()}
+    free = [cells.get(name, {}).get("settled") for name in ("none", "tcp-none")]
     header = (
-        "set up",
-        "lost",
-        "delay",
-        "converges",
-        "in",
-        "settled error",
-        "of the loss-free",
-        "largest command",
-        "jump",
+        "set up | lost | delay | converges | in | settled error | of the loss-free | largest command | jump"
     )
     rows = [
-        (
-            "as shipped" if cell["shipped"] else "for bad air",
-            f"{100 * cell['loss']:g} %",
-            f"{1000 * cell['delay']:g} ms",
-            f"{cell['converged']} of {cell['tries']}",
-            span(cell["converges"], "s", 1) or "never",
-            span(cell["settled"], "mm", 1, 1000.0),
-            _ratio(cell["settled"], free[cell["shipped"]]),
-            f"{100 * cell['peak']:.0f} %",
-            f"{100 * cell['jump']:.0f} %",
-        )
+        f"{'as shipped' if cell['shipped'] else 'for bad air'} | {100 * cell['loss']:g} % | "
+        f"{1000 * cell['delay']:g} ms | {cell['converged']} of {cell['tries']} | "
+        f"{span(cell['converges'], 's', 1) or 'never'} | {span(cell['settled'], 'mm', 1, 1000.0)} | "
+        f"{_ratio(cell['settled'], free[cell['shipped']])} | {100 * cell['peak']:.0f} % | "
+        f"{100 * cell['jump']:.0f} %"
         for cell in cells.values()
     ]
     wrong = sorted({word for cell in cells.values() for word in cell["wrong"]})
     picture = f"\n![Settled error and time to converge, by loss and delay]({CONDITIONS})\n"
-    return markdown(header, rows) + picture + "".join(f"\n- {word}" for word in wrong) + "\n"
+    return table(header, rows) + picture + "".join(f"\n- {word}" for word in wrong) + "\n"
 
 
 def draw(found: Found, docs: Path) -> None:
@@ -177,31 +137,24 @@ def _words(cell: Mapping[str, Any]) -> str:
     return ("TCP: " if cell.get("shipped") else "") + (", ".join(parts) or "as it is")
 
 
-_LOSS_FREE = {False: "none", True: "tcp-none"}
-
-
 def _ratio(settled: dict[str, float], free: dict[str, float] | None) -> str:
     return f"{settled['median'] / free['median']:.1f}×" if free else ""
 
 
 def _tried(cell: Cell) -> dict[str, Any]:
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="reliability-")))
-        changes = AS_SHIPPED if cell.shipped else CHANGES
-        fleet = stack.enter_context(Fleet(MISSION, folder, changes, lossy=not cell.shipped))
+    changes = AS_SHIPPED if cell.shipped else CHANGES
+    with (
+        TemporaryDirectory(prefix="reliability-") as folder,
+        Fleet(MISSION, Path(folder), changes, lossy=not cell.shipped) as fleet,
+    ):
         fleet.begin()
-        worsen(fleet, cell)
+        if cell.delay:
+            fleet.delay(cell.delay)
+        if cell.loss:
+            fleet.lose(cell.loss)
         one = _watched(fleet, cell)
     tell(f"{cell.name}: {one}")
     return one
-
-
-def worsen(fleet: Fleet, cell: Cell) -> None:
-    """Make the air as bad as a cell says."""
-    if cell.delay:
-        fleet.delay(cell.delay)
-    if cell.loss:
-        fleet.lose(cell.loss)
 
 
 def _watched(fleet: Fleet, cell: Cell) -> dict[str, Any]:
@@ -231,6 +184,7 @@ def _watched(fleet: Fleet, cell: Cell) -> dict[str, Any]:
 
 def _summary(cell: Cell, tries: list[dict[str, Any]]) -> dict[str, Any]:
     converged = [one["converges"] for one in tries if one["converges"] is not None]
+    settled = float(np.median([one["settled"] for one in tries]))
     return {
         "loss": cell.loss,
         "delay": cell.delay,
@@ -239,10 +193,7 @@ def _summary(cell: Cell, tries: list[dict[str, Any]]) -> dict[str, Any]:
         "well": sum(not one["wrong"] for one in tries),
         "converged": len(converged),
         "converges": middle(converged),
-        "settled": {
-            "median": float(np.median([one["settled"] for one in tries])),
-            "worst": max(one["worst"] for one in tries),
-        },
+        "settled": {"median": settled, "worst": max(one["worst"] for one in tries)},
         "peak": max(one["peak"] for one in tries),
         "jump": max(one["jump"] for one in tries),
         "wrong": [f"{cell.name}: {word}" for one in tries for word in one["wrong"]],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from bisect import bisect_left
 from collections import defaultdict
@@ -23,12 +24,9 @@ Points = NDArray[np.complex128]
 class Commanded(NamedTuple):
     """One command that arrived at a robot's wheels."""
 
-    at: float
-    """[s, monotonic]"""
-    speed: float
-    """[m/s]"""
-    turn_rate: float
-    """[rad/s]"""
+    at: float  # [s, monotonic]
+    speed: float  # [m/s]
+    turn_rate: float  # [rad/s]
 
     @property
     def zero(self) -> bool:
@@ -39,27 +37,21 @@ class Commanded(NamedTuple):
 class Placed(NamedTuple):
     """Where a robot really was."""
 
-    at: float
-    """[s, monotonic]"""
-    point: complex
-    """Control point [m; world frame]."""
+    at: float  # [s, monotonic]
+    point: complex  # control point [m; world frame]
 
 
 class Led(NamedTuple):
     """What somebody said as the leader."""
 
-    at: float
-    """[s, monotonic]"""
-    point: complex
-    """[m; world frame]"""
-    publisher_id: str
-    """Of the process that said it."""
+    at: float  # [s, monotonic]
+    point: complex  # [m; world frame]
+    publisher_id: str  # of the process that said it
     term: int
     mode: str
     slots: tuple[complex, ...]
     """Where it wanted everybody, over ``mission.names`` [m; world frame, from the leader]."""
-    formed: str = ""
-    """The shape that it had come to by then; empty while shapes are mixed."""
+    formed: str = ""  # the shape that it had come to by then; empty while shapes are mixed
 
     @classmethod
     def of(
@@ -83,7 +75,7 @@ class Seen:
         self.commands: dict[str, list[Commanded]] = defaultdict(list)
         self.places: dict[str, list[Placed]] = defaultdict(list)
         self.leads: list[Led] = []
-        self._file = None if path is None else path.open(encoding="utf-8")
+        self._file = io.StringIO() if path is None else path.open(encoding="utf-8")
         self._rest = ""
         index = {name: number for number, name in enumerate(mission.names)}
         self.edges = tuple(
@@ -92,15 +84,13 @@ class Seen:
 
     def close(self) -> None:
         """No more is read."""
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def read_on(self) -> None:
         """Take what was written since the last time."""
-        if self._file is not None:
-            *lines, self._rest = (self._rest + self._file.read()).split("\n")
-            for line in lines:
-                self.process_line(json.loads(line))
+        *lines, self._rest = (self._rest + self._file.read()).split("\n")
+        for line in lines:
+            self.process_line(json.loads(line))
 
     def process_line(self, line: Sequence[Any]) -> None:
         """Take one line of a witness."""
@@ -144,7 +134,7 @@ class Seen:
         points, _ = self._points(times)
         followers = points[1:]
         apart = np.abs(followers[:, None] - followers[None, :])
-        apart[np.arange(len(followers)), np.arange(len(followers))] = np.inf
+        apart[np.diag_indices(len(followers))] = np.inf
         return np.asarray(apart.min(axis=(0, 1)))
 
     def _points(self, times: Floats) -> tuple[Points, Points]:
@@ -153,10 +143,8 @@ class Seen:
         at = np.array([one.at for one in leads])
         points = [_between(times, at, np.array([one.point for one in leads]))]
         for name in self.mission.followers:
-            rows = self.places[name]
-            points.append(
-                _between(times, np.array([row.at for row in rows]), np.array([row.point for row in rows]))
-            )
+            moments, places = (np.array(column) for column in zip(*self.places[name], strict=True))
+            points.append(_between(times, moments, places))
         result = np.array([one.slots for one in leads]).T
         return np.array(points), np.array([_between(times, at, row) for row in result])
 

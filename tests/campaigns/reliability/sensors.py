@@ -23,18 +23,15 @@ from formation.monitor.recording.reader import read
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH
 from tests.campaigns.document import Found
-from tests.campaigns.reliability.campaign import Options, failures, summary, table, tell
+from tests.campaigns.reliability.campaign import Options, summaries, tell
 from tests.campaigns.reliability.fleet import module
 from tests.campaigns.reliability.trial import Try
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES
 
 TITLE = "Sensors"
-ON_THE_WAY = 0.05
-"""Shortest way after a fault that shows that a robot goes on [m]."""
-FIRST, LASTS, AFTER = 8.0, 6.0, 14.0
-"""First fault of a run, length of each fault, time after it [s]."""
-MOMENT = 2.0
-"""A fault begins at any moment of so long [s]."""
+ON_THE_WAY = 0.05  # shortest way after a fault that shows that a robot goes on [m]
+FIRST, LASTS, AFTER = 8.0, 6.0, 14.0  # first fault of a run, length of each fault, time after it [s]
+MOMENT = 2.0  # a fault begins at any moment of so long [s]
 ABOUT = f"""\
 `formation run` of a shipped mission, with `--fault`: the sensor of a random robot freezes, trembles around
 one place, or is late, at a random moment, for {LASTS:g} s; every kind of fault once in each run, in random
@@ -54,30 +51,28 @@ class Row(NamedTuple):
     @property
     def name(self) -> str:
         """On the command line."""
-        return f"{self.source}-{self.kind}{f'-{self.size:g}' if self.size else ''}"
+        return self.title.replace(" ", "-")
 
     @property
     def title(self) -> str:
-        """For people."""
         return f"{self.source} {self.kind}{f' {self.size:g}' if self.size else ''}"
 
 
 ROWS = tuple(Row(source, kind, size) for source, (kind, size) in product(SOURCES, FAULTS))
+NAMES = [row.name for row in ROWS]
 
 
 def run(options: Options) -> Found:
     """Try every row."""
     chosen = [row for row in ROWS if options.chosen(row.name)]
     todo = [
-        (MISSIONS[number % len(MISSIONS)], source) for number in range(options.tries) for source in SOURCES
+        (MISSIONS[number % len(MISSIONS)], source, [row for row in chosen if row.source == source])
+        for number in range(options.tries)
+        for source in SOURCES
     ]
     with ThreadPoolExecutor(options.fields) as pool:
-        runs = pool.map(
-            lambda one: attempts(one[0], one[1], [row for row in chosen if row.source == one[1]]), todo
-        )
-        tries = [one for each in runs for one in each]
-    rows = {row.name: summary(row.title, [one for one in tries if one.row == row.name]) for row in chosen}
-    return {"rows": rows, "well": all(not one.wrong for one in tries)}
+        tries = [one for tried in pool.map(lambda run: attempts(*run), todo) for one in tried]
+    return summaries({row.name: row.title for row in chosen}, tries)
 
 
 def attempts(mission: str, source: str, rows: Sequence[Row]) -> list[Try]:
@@ -93,20 +88,16 @@ def attempts(mission: str, source: str, rows: Sequence[Row]) -> list[Try]:
         ]
         words = ["run", str(file), "--record", str(recording), "--json", "--no-page"]
         words += ["--duration", f"{FIRST + len(order) * (LASTS + AFTER):.1f}"]
-        words += [
-            word
-            for one in faults
-            for word in ("--fault", f"{one.robot}:{one.kind}={one.size:g}@{one.since:g}+{LASTS:g}")
-        ]
-        done = subprocess.run(
-            [*module("formation.deploy"), *words], capture_output=True, text=True, check=False
-        )
+        for one in faults:
+            words += ["--fault", f"{one.robot}:{one.kind}={one.size:g}@{one.since:g}+{LASTS:g}"]
+        command = [*module("formation.deploy"), *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         tries = [Try(row.name) for row in order]
         if not recording.exists():
             tries[0].wrong.append(f"no recording: {done.stderr[-200:]}")
             return tries[:1]
-        for one, fault in zip(tries, faults, strict=True):
-            _judge(one, mission, driven, fault, recording)
+        for tried, fault in zip(tries, faults, strict=True):
+            _judge(tried, mission, driven, fault, recording)
     return tries
 
 
@@ -142,19 +133,3 @@ def _truths(recording: Path, robot: str) -> list[tuple[float, complex]]:
         if one.sample.key == GROUND_TRUTH.key(robot)
     ]
     return [(one.stamp - truths[0].stamp, one.position) for one in truths]
-
-
-def names() -> Sequence[str]:
-    """Its rows."""
-    return [row.name for row in ROWS]
-
-
-def seconds(options: Options) -> float:
-    """What it takes."""
-    return (FIRST + 10.0 + len(FAULTS) * (LASTS + AFTER)) * len(SOURCES) * options.tries / options.fields
-
-
-def section(found: Found) -> str:
-    """For people."""
-    every = found["rows"].values()
-    return f"{table(every)}\n{failures(every)}"

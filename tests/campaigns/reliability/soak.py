@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import random
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import Options, tell
-from tests.campaigns.reliability.faults import KINDS, fault
+from tests.campaigns.reliability.faults import KINDS
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.missions import crowd
 from tests.campaigns.reliability.seen import window
@@ -21,15 +22,11 @@ from tests.campaigns.reliability.seen import window
 TITLE = "Soak"
 ROBOTS, STANDBYS = 12, 2
 LOSS = 0.05
-EVERY = 30.0
-"""[s]"""
-SETTLED = 5.0 * 60.0
-"""From this age on a process may not grow [s]."""
+EVERY = 30.0  # [s]
+SETTLED = 5.0 * 60.0  # from this age on a process may not grow [s]
 GROWTH = 1.05
-SAMPLED = 10.0
-"""Memory is read so often [s]."""
-LAST = 40.0
-"""At the end nothing is done for so long: whoever was hit has the time to come back [s]."""
+SAMPLED = 10.0  # memory is read so often [s]
+LAST = 40.0  # at the end nothing is done for so long: what was hit has the time to come back [s]
 ABOUT = f"""\
 {ROBOTS} robots, {STANDBYS} standbys and a leader for half an hour; of all packets 5 % are lost, and every
 30 s a random process but a robot's is killed and started again after 2 s, stopped (SIGSTOP) for 2 s, or its
@@ -40,18 +37,11 @@ for processes that became at least ten minutes old: at most 5 %. At the end ever
 class Reading(NamedTuple):
     """How much memory a process had."""
 
-    age: float
-    """[s]"""
-    pss: int
-    """[bytes]"""
+    age: float  # [s]
+    pss: int  # [bytes]
 
 
-def names() -> Sequence[str]:
-    return ["soak"]
-
-
-def seconds(options: Options) -> float:
-    return options.minutes * 60.0
+NAMES = ("soak",)
 
 
 def run(options: Options) -> Found:
@@ -71,7 +61,7 @@ def _soak(fleet: Fleet, lasts: float) -> Found:
     memory: dict[tuple[str, int], list[Reading]] = {}
     begin = time.monotonic()
     next_fault, next_look = begin + EVERY, begin
-    worst, done = judge.Motion(0.0, 0.0, 0), dict[str, int]()
+    worst, done = judge.Motion(0.0, 0.0, 0), Counter[str]()
     heals: list[tuple[float, Any]] = []
     while (now := time.monotonic()) < begin + lasts:
         if now >= next_look:
@@ -85,7 +75,7 @@ def _soak(fleet: Fleet, lasts: float) -> Found:
         if now >= next_fault and now < begin + lasts - LAST:
             next_fault += EVERY
             words, heal = _hit(fleet)
-            done[words.partition(" ")[0]] = done.get(words.partition(" ")[0], 0) + 1
+            done[words.partition(" ")[0]] += 1
             heals.append((now + 2.0, heal))
             tell(f"{(now - begin) / 60.0:.1f} min, error {fleet.error(2.0)}: {words}")
         time.sleep(0.1)
@@ -100,10 +90,10 @@ def _soak(fleet: Fleet, lasts: float) -> Found:
 def _hit(fleet: Fleet) -> tuple[str, Any]:
     """Do something to somebody; what, and how it is undone."""
     victim = random.choice([name for name in fleet.names if not name.startswith("robot")])
-    kind = random.choice(KINDS)
+    kind = random.choice(list(KINDS))
     if kind == "unplug" and victim.startswith("watchdog"):
         kind = "kill"
-    begin, end = fault(kind)
+    _, begin, end = KINDS[kind]
     begin(fleet, victim)
     return f"{kind} {victim}", lambda: end(fleet, victim)
 
@@ -128,10 +118,10 @@ def _verdict(
 ) -> Found:
     grown = {name: ratio for (name, _), rows in memory.items() if (ratio := growth(rows)) is not None}
     wrong = [
-        f"{name} has grown by {100 * (ratio - 1):.1f} %" for name, ratio in grown.items() if ratio > GROWTH
+        *(f"{name} has grown by {100 * (one - 1):.1f} %" for name, one in grown.items() if one > GROWTH),
+        *(f"{name} stands at the end" for name in standing),
+        *(f"{name} ended" for name in ended),
     ]
-    wrong += [f"{name} stands at the end" for name in standing]
-    wrong += [f"{name} ended" for name in ended]
     if motion.peak > judge.OVER:
         wrong.append(f"a command was {100 * motion.peak:.1f} % of a limit")
     return {"grown": grown, "wrong": wrong, "well": not wrong, "peak": motion.peak, "jump": motion.jump}
@@ -150,18 +140,14 @@ def section(found: Found) -> str:
     for name, ratio in found["grown"].items():
         parts.setdefault(name.partition(" ")[0], []).append(ratio)
     rows = [
-        (
-            part,
-            str(len(values)),
-            f"{100 * (sum(values) / len(values) - 1):+.1f} %",
-            f"{100 * (max(values) - 1):+.1f} %",
-        )
+        f"{part} | {len(values)} | {100 * (sum(values) / len(values) - 1):+.1f} % | "
+        f"{100 * (max(values) - 1):+.1f} %"
         for part, values in sorted(parts.items())
     ]
     faults = ", ".join(f"{times} × {kind}" for kind, times in found["faults"].items()) or "none"
     head = f"{found['minutes']:g} minutes; faults: {faults}. Largest command {100 * found['peak']:.0f} %.\n\n"
     tail = "".join(f"\n- {word}" for word in found["wrong"])
-    return head + markdown(("process", "measured", "grown, on average", "at most"), rows) + tail + "\n"
+    return head + table("process | measured | grown, on average | at most", rows) + tail + "\n"
 
 
 def _pss(pid: int) -> int:

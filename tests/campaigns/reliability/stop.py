@@ -5,14 +5,14 @@ from __future__ import annotations
 import random
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.campaigns.document import Found
 from tests.campaigns.reliability import judge
-from tests.campaigns.reliability.campaign import Options, failures, summary, table, tell
+from tests.campaigns.reliability.campaign import Options, summaries, tell
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.missions import crowd
 from tests.campaigns.reliability.seen import window
@@ -21,12 +21,9 @@ from tests.support.namespaces import until
 
 TITLE = "Stop"
 ROBOTS = 20
-ACKNOWLEDGED = 0.2
-"""By everybody within that [s]."""
-STANDING = 0.3
-"""More than an agent's period and its way to the wheels, on a machine that runs sixty processes [s]."""
-MOMENT = 2.0
-"""A stop comes at any moment of so long [s]."""
+ACKNOWLEDGED = 0.2  # by everybody within that [s]
+STANDING = 0.3  # more than an agent's period and its way to the wheels, among sixty processes [s]
+MOMENT = 2.0  # a stop comes at any moment of so long [s]
 ABOUT = f"""\
 `formation order MISSION stop` from the desk to {ROBOTS} robots that drive, and a leader. *Acknowledged*:
 until the last answer of those that can be reached (at most 200 ms). *Stands*: from the command's first
@@ -35,17 +32,14 @@ release. An unreachable robot is unplugged (veth down) before the order: it has 
 else."""
 
 Case = Callable[[Fleet], tuple[list[str], Callable[[], object]]]
-"""Makes it hard; who cannot answer, and how to make it easy again."""
-
-
-def _easy(_fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
-    return [], lambda: None
+"""Makes it hard; what cannot answer, and how to make it easy again."""
 
 
 def _unreachable(fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
     name = random.choice(fleet.followers)
-    fleet.computer(f"agent {name}").unplug()
-    return [name], fleet.computer(f"agent {name}").plug
+    computer = fleet.computer(f"agent {name}")
+    computer.unplug()
+    return [name], computer.plug
 
 
 def _leaderless(fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
@@ -54,19 +48,13 @@ def _leaderless(fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
 
 
 CASES: dict[str, tuple[str, Case]] = {
-    "all": ("everybody is there", _easy),
+    "all": ("everybody is there", lambda _: ([], lambda: None)),
     "unreachable": ("one robot is unreachable", _unreachable),
     "leaderless": ("the leader has just been killed", _leaderless),
 }
 
 
-def names() -> Sequence[str]:
-    return list(CASES)
-
-
-def seconds(options: Options) -> float:
-    """What it takes; on one fleet, for it is a large one."""
-    return 40.0 + 20.0 * options.tries
+NAMES = list(CASES)
 
 
 def run(options: Options) -> Found:
@@ -81,18 +69,12 @@ def run(options: Options) -> Found:
                 tell(f"{number + 1}/{options.tries} {name}: {tries[-1].figures} {words}")
                 if tries[-1].wrong and options.keep is not None:
                     fleet.save(options.keep / f"stop-{name}-{number}")
-    found = {name: summary(CASES[name][0], [one for one in tries if one.row == name]) for name in chosen}
-    return {"rows": found, "well": all(not one.wrong for one in tries)}
+    return summaries({name: CASES[name][0] for name in chosen}, tries)
 
 
 def _fleet(folder: Path) -> Fleet:
     """Without what has no part in a stop: sixty-five processes are too many for a small machine."""
     return Fleet(crowd(ROBOTS), folder, without=("watchdog", "monitor"))
-
-
-def section(found: Found) -> str:
-    every = found["rows"].values()
-    return f"{table(every)}\n{failures(every)}"
 
 
 def _stopped(fleet: Fleet, name: str) -> Try:
@@ -109,8 +91,9 @@ def _stopped(fleet: Fleet, name: str) -> Try:
     _judge(one, fleet, code, report, away, begin, end)
     mend()
     _release(fleet)
-    one.peak, one.jump, one.zeros = judge.motion(fleet.seen, begin)
-    one.wrong += judge.faults(judge.Motion(one.peak, one.jump, one.zeros))
+    motion = judge.motion(fleet.seen, begin)
+    one.peak, one.jump, one.zeros = motion
+    one.wrong += judge.faults(motion)
     return one
 
 
@@ -129,12 +112,10 @@ def _judge(
     if slowest > ACKNOWLEDGED:
         one.wrong.append("somebody acknowledged after more than 200 ms")
     requested = max(begin, report["at"] - (time.time() - time.monotonic()))
-    after = {name: judge.stood(fleet.seen.commands[name], requested, end) for name in fleet.followers}
-    never = [name for name, stands in after.items() if stands is None]
-    if never:
-        one.wrong.append(f"{len(never)} did not stand")
-    stands = max((value for value in after.values() if value is not None), default=0.0)
-    one.figures["stands"] = stands
+    after = [judge.stood(fleet.seen.commands[name], requested, end) for name in fleet.followers]
+    if never := after.count(None):
+        one.wrong.append(f"{never} did not stand")
+    one.figures["stands"] = stands = max((value for value in after if value is not None), default=0.0)
     if stands > ACKNOWLEDGED + STANDING:
         one.wrong.append("somebody stood late")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from formation.mission.model import Mission
 from formation.monitor.recording.reader import UnreadableError, read
@@ -14,14 +14,13 @@ from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.seen import window
 
-STANDS = 0.3
-"""A robot without an agent stands within that [s]."""
-AWAY = 2.0
-"""How long somebody is dead, stopped or unplugged [s]: longer than any limit of the failure table."""
-SLACK = 0.5
-"""More than the mission's own `takeover` that a takeover may take: the first beat has to arrive [s]."""
-READABLE = 1.0
-"""Of a recording that was cut, so much may be missing [s]."""
+STANDS = 0.3  # a robot without an agent stands within that [s]
+AWAY = 2.0  # how long a process is dead, stopped or unplugged [s]: longer than any limit of the failure table
+SLACK = 0.5  # more than the mission's `takeover` that a takeover may take: the first beat has to arrive [s]
+READABLE = 1.0  # of a recording that was cut, so much may be missing [s]
+PATIENCE = 45.0  # for the formation to stand again [s]
+BEFORE = 0.5  # so much of what was before a fault is judged with it [s]
+MOMENT = 1.0  # a fault comes at any moment of so long after all is well [s]
 
 
 class Times(NamedTuple):
@@ -34,13 +33,11 @@ class Times(NamedTuple):
 class Judgement(NamedTuple):
     """What came of it."""
 
-    figures: dict[str, float]
-    """By name [s]."""
+    figures: dict[str, float]  # by name [s]
     wrong: list[str]
 
 
-Verdict = Callable[[Fleet, str, Times], Judgement]
-"""Of a fleet, the process that it happened to, and when."""
+Verdict = Callable[[Fleet, str, Times], Judgement]  # of a fleet, the process that it happened to, and when
 
 
 def anything(_fleet: Fleet, _victim: str, _times: Times) -> Judgement:
@@ -54,37 +51,30 @@ def stands(fleet: Fleet, victim: str, times: Times) -> Judgement:
     after = judge.stood(fleet.seen.commands[robot], *times)
     wrong = [] if after is not None and after <= STANDS else [f"{robot} stood after {after} s"]
     holding = holders(fleet.mission, (robot,))
-    for name in fleet.followers:
-        if name == robot:
-            continue
-        if name not in holding and not judge.went_on(fleet.seen.commands[name], *times):
+    for name in (name for name in fleet.followers if name != robot):
+        commands = fleet.seen.commands[name]
+        if name not in holding and not judge.went_on(commands, *times):
             wrong.append(f"{name} did not go on without {robot}")
-        if name in holding and judge.stood(fleet.seen.commands[name], *times) is None:
+        if name in holding and judge.stood(commands, *times) is None:
             wrong.append(f"{name} did not hold, though nobody is left whom it follows")
     return Judgement({} if after is None else {"stands": after}, wrong)
 
 
 def holders(mission: Mission, lost: Iterable[str]) -> set[str]:
     """Who has nobody left to follow when these are lost."""
-    gone = set(lost)
-    holding: set[str] = set()
-    while True:
-        more = {
-            name
-            for name in set(mission.followers) - gone - holding
-            if gone | holding >= set(mission.robots[name].measurable)
-        }
-        if not more:
-            return holding
-        holding |= more
+    gone, before = set(lost), set[str]()
+    while gone != before:
+        before = gone
+        gone = gone | {name for name in mission.followers if gone >= set(mission.robots[name].measurable)}
+    return gone - set(lost)
 
 
 def replaced(fleet: Fleet, _victim: str, times: Times) -> Judgement:
     """A standby leads in time; without one all hold."""
     mission = fleet.mission
     if not mission.standbys:
-        after = [judge.stood(fleet.seen.commands[name], *times) for name in fleet.followers]
-        late = [name for name, one in zip(fleet.followers, after, strict=True) if one is None or one > 1.5]
+        after = {name: judge.stood(fleet.seen.commands[name], *times) for name in fleet.followers}
+        late = [name for name, one in after.items() if one is None or one > 1.5]
         return Judgement({}, [f"{name} did not hold without a leader" for name in late])
     found = judge.taken_over(window(fleet.seen.leads, times.begin - 5.0), times.begin)
     if found is None or times.begin + found > times.end + mission.takeover:
@@ -119,31 +109,19 @@ def recorded(fleet: Fleet, victim: str, times: Times) -> Judgement:
     return Judgement({**found.figures, "not recorded": max(missing, 0.0)}, [*found.wrong, *wrong])
 
 
-PATIENCE = 45.0
-"""For the formation to stand again [s]."""
-BEFORE = 0.5
-"""So much of what was before a fault is judged with it [s]."""
-MOMENT = 1.0
-"""A fault comes at any moment of so long after all is well [s]."""
-
-
-Act = Callable[[Fleet, str], None]
-"""Does something to a process of a fleet."""
+Act = Callable[[Fleet, str], object]  # does something to a process of a fleet
 
 
 class Row(NamedTuple):
     """One kind of fault."""
 
-    name: str
-    """On the command line."""
+    name: str  # on the command line
     title: str
-    victim: Callable[[Fleet], str]
-    """The process that it happens to, asked for when it does."""
     begin: Act
-    end: Act
-    verdict: Verdict
-    lasts: float = AWAY
-    """Between `begin` and `end` [s]."""
+    end: Act = lambda _fleet, _victim: None
+    victim: Callable[[Fleet], str] = lambda _: ""  # the process that it happens to, asked for when it does
+    verdict: Verdict = anything
+    lasts: float = AWAY  # between `begin` and `end` [s]
     heals: bool = False
     """Whether all is to be well again without anything undone, so that time counts from `begin`."""
 
@@ -154,21 +132,13 @@ class Try:
 
     row: str
     wrong: list[str] = field(default_factory=list)
-    figures: dict[str, float] = field(default_factory=dict)
-    """Times by name [s]."""
+    figures: dict[str, float] = field(default_factory=dict)  # times by name [s]
     peak: float = 0.0
-    jump: float = 0.0
-    """Shares of a limit."""
+    jump: float = 0.0  # shares of a limit
     zeros: int = 0
-    settles: float | None = None
-    """After the fault was undone, or began if nothing has to be [s]."""
-    error: float | None = None
-    """At the end [m]."""
-    curve: list[list[float]] = field(default_factory=list)
-    """Error over time from the fault on [s; m]."""
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
+    settles: float | None = None  # after the fault was undone, or began if nothing has to be [s]
+    error: float | None = None  # at the end [m]
+    curve: list[list[float]] = field(default_factory=list)  # error over time from the fault on [s; m]
 
 
 class Lost(Exception):  # noqa: N818 - it is the fleet that is
@@ -209,8 +179,7 @@ def judged(fleet: Fleet, row: Row, victim: str, times: Times, *, well: bool) -> 
         one.settles = settled - since
     for a, b in judge.rivals(window(seen.leads, times.begin - BEFORE)):
         one.wrong.append(f"two led at once: {a.publisher_id} in {a.term} and {b.publisher_id} in {b.term}")
-    ended = fleet.lost()
-    one.wrong += [f"{name} ended" for name in ended]
+    one.wrong += [f"{name} ended" for name in fleet.lost()]
     whole = judge.grid(times.begin - BEFORE, seen.now)
     errors = seen.errors(whole)
     one.error = float(errors[-1])

@@ -31,8 +31,7 @@ from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.process import say
 from formation.wire import BadMessage, Sample
 
-PLAUSIBLE = 0.5
-"""A stamp so far from when it arrived is of a clock that was set, and tells nothing [s]."""
+PLAUSIBLE = 0.5  # a stamp so far from when it arrived is of a clock that was set, and tells nothing [s]
 
 
 class Eyes:

@@ -5,39 +5,21 @@ python -m tests.campaigns.safety [PART ...] [--quick] [--jobs N]
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any
 
-from tests.campaigns.document import DOCS, Found, count, head, one_of, section, stamp, update
-from tests.campaigns.figures import markdown, verdict
-from tests.campaigns.safety import (
-    crossing,
-    gains,
-    imperfect,
-    missions,
-    physics,
-    posts,
-    quiet,
-    sensors,
-)
-from tests.campaigns.safety.part import Options, Part
+from tests.campaigns.document import DOCS, Found, head, section, stamp, update
+from tests.campaigns.figures import progress, verdict
+from tests.campaigns.parts import command_line, table
+from tests.campaigns.safety import crossing, gains, imperfect, missions, physics, posts, quiet, sensors
+from tests.campaigns.safety.part import Options
 
-PARTS: Mapping[str, Part] = {
-    name: cast("Part", module)
-    for name, module in {
-        "crossing": crossing,
-        "imperfect": imperfect,
-        "posts": posts,
-        "missions": missions,
-        "physics": physics,
-        "gains": gains,
-        "sensors": sensors,
-        "quiet": quiet,
-    }.items()
+PARTS: Mapping[str, Any] = {
+    part.__name__.rpartition(".")[2]: part
+    for part in (crossing, imperfect, posts, missions, physics, gains, sensors, quiet)
 }
 JSON, TEXT = "safety.json", "safety.md"
 HEAD = """\
@@ -57,13 +39,12 @@ Exit code 0: all bars hold; 1: one does not; 2: nothing was tried.
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    given = _flags().parse_args(words)
+    given = command_line("safety", __doc__, EPILOG, PARTS, "a few tries, which mean little").parse_args(words)
     held = True
     for name in dict.fromkeys(given.parts or PARTS):
-        options = Options(given.quick, given.jobs, None if given.quick else DOCS / "figures")
-        print(f"{name} …", file=sys.stderr, flush=True)
+        progress(f"{name} …")
         began = time.monotonic()
-        found = PARTS[name].run(options)
+        found = PARTS[name].run(Options(given.quick, given.jobs, None if given.quick else DOCS / "figures"))
         found = stamp(found, 0, time.monotonic() - began)
         if not given.quick:
             write({name: found})
@@ -85,31 +66,9 @@ def text(found: Mapping[str, Found], beginning: str) -> str:
     for name, one in found.items():
         part = PARTS[name]
         link = f"[{part.TITLE}](#{part.TITLE.lower().replace(' ', '-').replace(',', '')})"
-        bars += [(link, row["bar"], row["found"], verdict(row["held"])) for row in one["bars"]]
+        bars += [f"{link} | {row['bar']} | {row['found']} | {verdict(row['held'])}" for row in one["bars"]]
         sections.append(section("safety", name, part.TITLE, one, part.ABOUT, part.section(one)))
-    return "\n".join([beginning, markdown(("", "asked for", "found", ""), bars), *sections])
-
-
-def _flags() -> argparse.ArgumentParser:
-    flags = argparse.ArgumentParser(
-        prog="python -m tests.campaigns.safety",
-        description=__doc__,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    flags.add_argument(
-        "parts",
-        metavar="PART",
-        nargs="*",
-        type=one_of(PARTS),
-        help=f"of {', '.join(PARTS)}; all by default",
-    )
-    flags.add_argument("--quick", action="store_true", help="a few tries, printed only; they mean little")
-    flags.add_argument(
-        "--jobs", type=count(64), default=1, metavar="N", help="processes side by side (default: 1)"
-    )
-    return flags
+    return "\n".join([beginning, table(" | asked for | found | ", bars), *sections])
 
 
 if __name__ == "__main__":

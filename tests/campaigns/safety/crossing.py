@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from formation.agent.core import Agent
 from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
 from formation.control.controller import Limits
 from formation.control.pipeline import ControlState, Outcome
@@ -18,15 +17,15 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
-from formation.simulation.simulate import simulate
+from formation.simulation.simulate import Result, simulate
 from tests.campaigns.document import Found
-from tests.campaigns.figures import filled, markdown, over_rounds, span
+from tests.campaigns.figures import filled, over_rounds, span
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported, reporting
 from tests.support.fleet import Fleet
 from tests.unit.formation import scenarios
 
-CALLS = 2000
-"""Of each round."""
+CALLS = 2000  # of each round
 ALONE, WHOLE = "the filter itself", "all that an agent does for it"
 
 
@@ -56,48 +55,38 @@ def alone() -> Callable[[], object]:
 def in_a_fleet() -> float:
     """Five robots exchange their slots: where one has to act with all four others nearest to it [µs]."""
     fleet = Fleet(scenarios.exchanged(load("six_robots")))
-    busiest = Busiest(fleet)
+    took: dict[float, float] = {}
+    for name in fleet.agents:
+        _watch(fleet, name, took)
     fleet.run(4.0)
-    return busiest.took
+    return took[min(took)]
 
 
-class Busiest:
-    """Times a filter that has to act whenever it has everybody nearer than any had before."""
+def _watch(fleet: Fleet, name: str, took: dict[float, float]) -> None:
+    """Time a filter that has to act whenever it has all others nearer than any had before.
 
-    def __init__(self, fleet: Fleet) -> None:
-        self.took = float("nan")
-        """One step [µs]."""
-        self.furthest = float("inf")
-        """Of its four neighbours then, from centre to centre [m]."""
-        self._fleet = fleet
-        for name, agent in fleet.agents.items():
-            self._watch(name, agent)
+    `took` has the time of one step [µs] by how far away the furthest other was, from centre to centre [m].
+    """
+    one, params, requested = fleet.agents[name].avoiding, fleet.agents[name]._params, list[Any]()
+    obstacles, stepped = one.obstacles, one.stepped
 
-    def _watch(self, name: str, agent: Agent) -> None:
-        one, params, requested = agent.avoiding, agent._params, list[Any]()
-        obstacles, stepped = one.obstacles, one.stepped
+    def watched(*given: Any) -> Any:
+        requested[:] = given
+        return obstacles(*given)
 
-        def watched(*given: Any) -> Any:
-            requested[:] = given
-            return obstacles(*given)
+    def whole(state: ControlState, outcome: Outcome) -> None:
+        around, _ = obstacles(*requested)
+        done, _ = avoid(outcome.target, around, params.avoidance, params.limits, 0j, state.avoidance, 0.05)
+        brake(done, around, params.avoidance)
 
-        def whole(state: ControlState, outcome: Outcome) -> None:
-            around, _ = obstacles(*requested)
-            done, _ = avoid(
-                outcome.target, around, params.avoidance, params.limits, 0j, state.avoidance, 0.05
-            )
-            brake(done, around, params.avoidance)
+    def noted(state: ControlState, outcome: Outcome) -> None:
+        stepped(state, outcome)
+        here = fleet.plant(name).position
+        furthest = max(abs(fleet.plant(other).position - here) for other in fleet.agents)
+        if one.state.acting and furthest < min(took, default=np.inf):
+            took[furthest] = microseconds(lambda: whole(state, outcome))
 
-        def noted(state: ControlState, outcome: Outcome) -> None:
-            stepped(state, outcome)
-            here = self._fleet.plant(name).position
-            others = [self._fleet.plant(other).position for other in self._fleet.agents if other != name]
-            furthest = max(abs(other - here) for other in others)
-            if one.state.acting and furthest < self.furthest:
-                self.furthest = furthest
-                self.took = microseconds(lambda: whole(state, outcome))
-
-        one.obstacles, one.stepped = watched, noted  # type: ignore[method-assign, assignment]
+    one.obstacles, one.stepped = watched, noted  # type: ignore[method-assign, assignment]
 
 
 TITLE = "Crossing starts"
@@ -110,17 +99,14 @@ columns 1 m apart, each measuring two of the row before. The same starts are dri
 and without. A run *comes into formation* when the error summed over all edges stays under the mission's bound
 until the end, for ten seconds at least."""
 ROBOTS = (6, 12, 25)
-RUNS, STEP, HORIZON = 1000, 0.05, 60.0
-"""Starts of each kind; [s], [s]."""
-SPREAD, STREWN = 3.0, 0.2
-"""Of starts at random, and of starts in somebody else's slot, to either side [m]."""
-CONVERGED, SLOWER, MICROSECONDS = 0.995, 1.5, 100.0
-"""The bars."""
+RUNS = 1000  # starts of each kind
+LASTS: dict[str, Any] = {"step": 0.05, "horizon": 60.0}  # [s]
+SPREAD, STREWN = 3.0, 0.2  # of starts at random, and of starts in somebody else's slot, to either side [m]
+CONVERGED, SLOWER, MICROSECONDS = 0.995, 1.5, 100.0  # the bars
 HEADER = (
-    "robots", "starts", "runs that touch, without and with", "nearest bodies, with",
-    "come into formation, without and with", "median settling time, without and with", "ratio",
-    "deadlocks",
-)  # fmt: skip
+    "robots | starts | runs that touch, without and with | nearest bodies, with | "
+    "come into formation, without and with | median settling time, without and with | ratio | deadlocks"
+)
 
 
 def run(options: Options) -> Found:
@@ -133,104 +119,100 @@ def run(options: Options) -> Found:
 
 
 def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
-    touched = [one["with"]["touched"] for one in random]
+    touched = sum(one["with"]["touched"] for one in random)
     into = [one["with"]["converged_fraction"] for one in random]
     slower = [one["ratio"] for one in random]
     whole = step[WHOLE]
-    sizes = ", ".join(str(one["robots"]) for one in random)
+    sizes, runs = ", ".join(str(one["robots"]) for one in random), random[0]["with"]["runs"]
+    shares = ", ".join(f"{100 * share:.1f} %" for share in into)
+    ratios = ", ".join(f"{ratio:.2f}×" for ratio in slower)
+    quick = whole["median"] < MICROSECONDS
     return [
         bar(
-            f"no two bodies touch, {sizes} robots, {random[0]['with']['runs']} random starts each",
-            f"{sum(touched)} runs touch",
-            not any(touched),
+            f"no two bodies touch, {sizes} robots, {runs} random starts each",
+            f"{touched} runs touch",
+            not touched,
         ),
-        bar(
-            "at least 99.5 % come into formation",
-            ", ".join(f"{100 * share:.1f} %" for share in into),
-            min(into) >= CONVERGED,
-        ),
-        bar(
-            "median settling time at most 1.5× of without",
-            ", ".join(f"{ratio:.2f}×" for ratio in slower),
-            max(slower) <= SLOWER,
-        ),
-        bar(
-            "a step of the filter under 100 µs with four neighbours",
-            span(whole, 0, " µs"),
-            whole["median"] < MICROSECONDS,
-        ),
+        bar("at least 99.5 % come into formation", shares, min(into) >= CONVERGED),
+        bar("median settling time at most 1.5× of without", ratios, max(slower) <= SLOWER),
+        bar("a step of the filter under 100 µs with four neighbours", span(whole, 0, " µs"), quick),
     ]
 
 
 def section(found: Found) -> str:
-    costs = [[name, span(one, 0, " µs")] for name, one in found["step"].items()]
-    return "\n".join(
-        [
-            markdown(HEADER, [_row(one) for one in found["random"]]),
-            filled(
-                "*Deadlocks* are how often a robot that was kept for half a second went to the right for a",
-                "while, all runs together. Harder, and without a bar: everybody starts in a slot dealt out",
-                f"at random, within ± {STREWN:g} m, where all have to pass each other in little room.",
-            ),
-            markdown(HEADER, [_row(one) for one in found["permuted"]]),
-            filled(
-                "CPU time of one step in plain Python, as agents run it, medians of rounds, in brackets the",
-                "lowest and the highest: `avoid` among four that come nearer from all sides; and positions,",
-                "filter and brake of an agent of five that exchange their slots, at the moment at which one",
-                "that has to act has all others nearest.",
-            ),
-            markdown(("", "CPU time"), costs),
-        ]
-    )
-
-
-def _row(one: Found) -> list[str]:
-    off, on = one["without"], one["with"]
-    return [
-        str(one["robots"]),
-        str(on["runs"]),
-        f"{100 * off['touched'] / off['runs']:.1f} %, {100 * on['touched'] / on['runs']:.1f} %",
-        f"{100 * on['nearest']:.1f} cm",
-        f"{100 * off['converged_fraction']:.1f} %, {100 * on['converged_fraction']:.1f} %",
-        f"{off['settling']:.2f} s, {on['settling']:.2f} s",
-        f"{one['ratio']:.2f}×",
-        str(on["deadlocks"]),
+    parts = [
+        table(HEADER, map(_row, found["random"])),
+        filled(
+            "*Deadlocks* are how often a robot that was kept for half a second went to the right for a",
+            "while, all runs together. Harder, and without a bar: everybody starts in a slot dealt out",
+            f"at random, within ± {STREWN:g} m, where all have to pass each other in little room.",
+        ),
+        table(HEADER, map(_row, found["permuted"])),
+        filled(
+            "CPU time of one step in plain Python, as agents run it, medians of rounds, in brackets the",
+            "lowest and the highest: `avoid` among four that come nearer from all sides; and positions,",
+            "filter and brake of an agent of five that exchange their slots, at the moment at which one",
+            "that has to act has all others nearest.",
+        ),
+        table(" | CPU time", [f"{name} | {span(one, 0, ' µs')}" for name, one in found["step"].items()]),
     ]
+    return "\n".join(parts)
+
+
+def _row(one: Found) -> str:
+    off, on = one["without"], one["with"]
+    touched, into = (
+        ", ".join(f"{100 * share:.1f} %" for share in shares)
+        for shares in (
+            (off["touched"] / off["runs"], on["touched"] / on["runs"]),
+            (off["converged_fraction"], on["converged_fraction"]),
+        )
+    )
+    return (
+        f"{one['robots']} | {on['runs']} | {touched} | {100 * on['nearest']:.1f} cm | {into} | "
+        f"{off['settling']:.2f} s, {on['settling']:.2f} s | {one['ratio']:.2f}× | {on['deadlocks']}"
+    )
 
 
 def random(robots: int, runs: int) -> Found:
     """Starts as `formation simulate` draws them, without the filter and with it."""
-    found = {}
-    for name, on in (("without", False), ("with", True)):
-        result = simulate(
-            team(robots),
-            runs=runs,
-            starts="random",
-            step=STEP,
-            horizon=HORIZON,
-            options=Simulated(avoid=on),
-            progress=reporting(f"crossing: {robots}, {name} the filter"),
-        )
-        found[name] = _figures(result.settling_time, result.converged, result.nearest, result.deadlocks)
-    return {**found, "ratio": found["with"]["settling"] / found["without"]["settling"]}
+
+    def drive(name: str, filtered: Simulated) -> list[Result]:
+        tell = reporting(f"crossing: {robots}, {name} the filter")
+        return [simulate(team(robots), runs=runs, starts="random", options=filtered, progress=tell, **LASTS)]
+
+    return _both(drive)
 
 
 def exchanged(robots: int, runs: int) -> Found:
     """Starts in slots dealt out at random, without the filter and with it."""
     mission, draw = team(robots), np.random.default_rng(robots)
     dealt = [elsewhere(mission, draw) for _ in range(runs)]
+
+    def drive(name: str, filtered: Simulated) -> list[Result]:
+        told = reported(f"crossing: {robots} in others' slots, {name} the filter", dealt)
+        return [simulate(one, options=filtered, **LASTS) for one in told]
+
+    return _both(drive)
+
+
+def _both(drive: Callable[[str, Simulated], list[Result]]) -> Found:
+    """What comes of the same starts without the filter and with it."""
     found = {}
     for name, on in (("without", False), ("with", True)):
-        results = [
-            simulate(one, step=STEP, horizon=HORIZON, options=Simulated(avoid=on))
-            for one in reported(f"crossing: {robots} in others' slots, {name} the filter", dealt)
-        ]
-        found[name] = _figures(
-            *(
-                np.array([getattr(one, figure)[0] for one in results])
-                for figure in ("settling_time", "converged", "nearest", "deadlocks")
-            )
+        results = drive(name, Simulated(avoid=on))
+        converged, nearest, settling = (
+            np.concatenate([getattr(one, figure) for one in results])
+            for figure in ("converged", "nearest", "settling_time")
         )
+        found[name] = {
+            "runs": len(converged),
+            "touched": int((nearest < 0.0).sum()),
+            "nearest": float(nearest.min()),
+            "converged_fraction": float(converged.mean()),
+            "settling": float(np.median(settling[converged])),
+            "deadlocks": sum(int(one.deadlocks.sum()) for one in results),
+        }
     return {**found, "ratio": found["with"]["settling"] / found["without"]["settling"]}
 
 
@@ -279,14 +261,3 @@ def elsewhere(mission: Mission, draw: np.random.Generator) -> Mission:
         )
         robots[name] = robots[name].model_copy(update={"start": start})
     return mission.model_copy(update={"robots": robots})
-
-
-def _figures(settling: Any, converged: Any, nearest: Any, deadlocks: Any) -> Found:
-    return {
-        "runs": len(converged),
-        "touched": int((nearest < 0.0).sum()),
-        "nearest": float(nearest.min()),
-        "converged_fraction": float(converged.mean()),
-        "settling": float(np.median(settling[converged])),
-        "deadlocks": int(deadlocks.sum()),
-    }

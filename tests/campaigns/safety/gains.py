@@ -18,13 +18,12 @@ from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tune
 from formation.simulation.edges import Edges
 from formation.stability import spectrum, tuning
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.fleet import Fleet
 from tests.unit.formation import scenarios
 
-MARGIN = 0.01
-"""Gains are drawn so near to the boundary."""
+MARGIN = 0.01  # gains are drawn so near to the boundary
 
 
 def drawn(random: np.random.Generator, rate: float = 20.0, **law: Any) -> Mission:
@@ -33,8 +32,7 @@ def drawn(random: np.random.Generator, rate: float = 20.0, **law: Any) -> Missio
     neighbours: list[list[int]] = [[]]
     for i in range(1, size):
         others = [j for j in range(size) if j != i and random.random() < 0.25]
-        parent = int(random.integers(0, i))
-        neighbours.append(sorted({parent, *others}))
+        neighbours.append(sorted({int(random.integers(0, i)), *others}))
     slots: ComplexArray = np.arange(size, dtype=np.complex128)
     return scenarios.build(slots, neighbours, law=law, robot={"rate": rate})
 
@@ -144,17 +142,12 @@ def changed(mission: Mission, law: str) -> tuple[Fleet, float]:
     fleet.run(3.0 if mission.standbys else 0.3)
     watched = [Watch(agent) for agent in fleet.agents.values()]
     k_p, k_i = mission.gains
-    for after, gains in (
-        (0.0, Tuned(k_p=2.0 * k_p, k_i=k_i)),
-        (1.0, Tuned(k_p=0.4 * k_p, k_i=0.1 * k_i)),
-        (0.4, Tuned(k_p=3.0 * k_p, k_i=4.0 * k_i)),
-        (4.0, Tuned(k_p=k_p, k_i=k_i)),
-        (6.0, Tuned(k_p=3.0 * k_p, k_i=0.05)),
-        (6.0, Tuned(k_p=0.7 * k_p, k_i=0.0)),
-        (4.0, Tuned(k_p=1.2 * k_p, k_i=k_i)),
-    ):
+    for after, proportional, integral in (
+        (0.0, 2.0, k_i), (1.0, 0.4, 0.1 * k_i), (0.4, 3.0, 4.0 * k_i), (4.0, 1.0, k_i),
+        (6.0, 3.0, 0.05), (6.0, 0.7, 0.0), (4.0, 1.2, k_i),
+    ):  # fmt: skip
         fleet.run(after)
-        assert tune(fleet, k_p=gains.k_p, k_i=gains.k_i).ok
+        assert tune(fleet, k_p=proportional * k_p, k_i=integral).ok
     fleet.run(4.0)
     return fleet, max(one.most for one in watched)
 
@@ -167,8 +160,7 @@ eigenvalues of the whole loop's matrix, which the command does not use. *Jump*: 
 how far it is from what the gains and the integral of the step before would have made it, the largest over all
 robots and seven changes of up to four times as much, right after the start, on the way and in formation;
 production cores on a fake clock."""
-DRAWS, MOST = 100, 0.1
-"""Of each kind; share of a limit."""
+DRAWS, MOST = 100, 0.1  # of each kind; share of a limit
 MISSIONS, LAWS = ("six_robots", "turtlebot3_pair", "patrol"), ("field", "paper")
 
 
@@ -180,17 +172,14 @@ def run(options: Options) -> Found:
     cases = list(product(MISSIONS[:1] if options.quick else MISSIONS, LAWS))
     jumps = {f"{name}, {law}": changed(load(name), law)[1] for name, law in reported("gains", cases)}
     most = max(jumps.values())
-    return {
-        "draws": draws,
-        "jumps": jumps,
-        "bars": [
-            bar("unstable gains are refused", f"{refused} of {draws}", refused == draws),
-            bar("stable gains are accepted", f"{accepted} of {draws}", accepted == draws),
-            bar("no command jumps by over 10 % of a limit", f"{100 * most:.1f} %", most <= MOST),
-        ],
-    }
+    bars = [
+        bar("unstable gains are refused", f"{refused} of {draws}", refused == draws),
+        bar("stable gains are accepted", f"{accepted} of {draws}", accepted == draws),
+        bar("no command jumps by over 10 % of a limit", f"{100 * most:.1f} %", most <= MOST),
+    ]
+    return {"draws": draws, "jumps": jumps, "bars": bars}
 
 
 def section(found: Found) -> str:
-    rows = [[name, f"{100 * jump:.1f} %"] for name, jump in found["jumps"].items()]
-    return markdown(("mission, law", "largest jump, of a limit"), rows)
+    rows = [f"{name} | {100 * jump:.1f} %" for name, jump in found["jumps"].items()]
+    return table("mission, law | largest jump, of a limit", rows)

@@ -13,7 +13,7 @@ from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.safety.missions import made
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.missions import with_robots
@@ -21,8 +21,7 @@ from tests.support.missions import with_robots
 TITLE = "Imperfect sensing"
 NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)
 """Standard deviation of positions per axis [m]; age of others' positions [s]."""
-SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1
-"""Robots, starts and delay [s] of the second table."""
+SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1  # robots, starts and delay [s] of the second table
 RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 """Starts of each; [s]; a final error above this is a robot left behind [m]."""
 ABOUT = f"""\
@@ -36,14 +35,13 @@ each shape, {SEVEN_RUNS} starts each with {1e3 * NOISES[-1]:g} mm of noise, whic
 
 
 def run(options: Options) -> Found:
-    runs = 20 if options.quick else RUNS
-    pairs = list(product(NOISES, DELAYS))
+    runs, seven_runs, shapes = (20, 10, 2) if options.quick else (RUNS, SEVEN_RUNS, len(SHAPES))
+    pairs = reported("imperfect", list(product(NOISES, DELAYS)))
     six = with_robots("six_robots", avoid="all")
-    cells = [cell(six, noise, delay, runs) for noise, delay in reported("imperfect", pairs)]
-    seven_runs, shapes = (10, list(SHAPES)[:2]) if options.quick else (SEVEN_RUNS, list(SHAPES))
+    cells = [cell(six, noise, delay, runs) for noise, delay in pairs]
     seven = [
         cell(made(shape, SEVEN, "turtlebot3_burger"), NOISES[-1], SEVEN_DELAY, seven_runs)
-        for shape in reported("seven TurtleBots", shapes)
+        for shape in reported("seven TurtleBots", list(SHAPES)[:shapes])
     ]
     return {"cells": cells, "seven": seven, "bars": [*bars(cells), *bars(seven)]}
 
@@ -55,15 +53,8 @@ def cell(
     stated = max(noise, mission.collisions.noise)
     rules = mission.collisions.model_copy(update={"noise": stated})
     mission = mission.model_copy(update={"collisions": rules})
-    body = Body.of(mission.simulated_robot)._replace(position_noise=noise)
-    result = simulate(
-        mission,
-        runs=runs,
-        seed=seed,
-        starts="random",
-        horizon=horizon,
-        options=Simulated(delay=delay, body=body),
-    )
+    options = Simulated(delay=delay, body=Body.of(mission.simulated_robot)._replace(position_noise=noise))
+    result = simulate(mission, runs=runs, seed=seed, starts="random", horizon=horizon, options=options)
     return {
         "mission": mission.name,
         "noise": noise,
@@ -79,40 +70,27 @@ def cell(
 
 def bars(cells: Sequence[Found]) -> list[Found]:
     """None left behind and no touch, in any cell."""
-    name, runs = cells[0]["mission"], cells[0]["runs"]
-    what = (
-        f"{len(cells)} pairs of noise and delay" if name == "six-robots" else f"{len(cells)} shapes of seven"
-    )
+    kind = "pairs of noise and delay" if cells[0]["mission"] == "six-robots" else "shapes of seven"
+    left, touched = (sum(one[what] for one in cells) for what in ("left", "touched"))
+    words = f"no robot left behind, {len(cells)} {kind}, {cells[0]['runs']} starts each"
     return [
-        bar(
-            f"no robot left behind, {what}, {runs} starts each",
-            f"{sum(one['left'] for one in cells)} runs leave robots behind",
-            not any(one["left"] for one in cells),
-        ),
-        bar(
-            "no two bodies touch in any of them",
-            f"{sum(one['touched'] for one in cells)} runs touch",
-            not any(one["touched"] for one in cells),
-        ),
+        bar(words, f"{left} runs leave robots behind", left == 0),
+        bar("no two bodies touch in any of them", f"{touched} runs touch", touched == 0),
     ]
 
 
 def section(found: Found) -> str:
     header = (
-        *("noise", "delay", "runs that leave robots behind", "runs that touch"),
-        *("nearest bodies", "median error at the end", "deadlocks"),
+        "noise | delay | runs that leave robots behind | runs that touch | nearest bodies | "
+        "median error at the end | deadlocks"
     )
-    seven = markdown(("mission", *header), [[one["mission"], *_row(one)] for one in found["seven"]])
-    return f"{markdown(header, [_row(one) for one in found['cells']])}\n{seven}"
+    seven = table(f"mission | {header}", [f"{one['mission']} | {_row(one)}" for one in found["seven"]])
+    return f"{table(header, map(_row, found['cells']))}\n{seven}"
 
 
-def _row(one: Found) -> list[str]:
-    return [
-        f"{1e3 * one['noise']:g} mm",
-        f"{1e3 * one['delay']:g} ms",
-        f"{one['left']} of {one['runs']}",
-        f"{one['touched']} of {one['runs']}",
-        f"{100 * one['nearest']:.1f} cm",
-        f"{100 * one['error']:.1f} cm",
-        str(one["deadlocks"]),
-    ]
+def _row(one: Found) -> str:
+    return (
+        f"{1e3 * one['noise']:g} mm | {1e3 * one['delay']:g} ms | {one['left']} of {one['runs']} | "
+        f"{one['touched']} of {one['runs']} | {100 * one['nearest']:.1f} cm | {100 * one['error']:.1f} cm | "
+        f"{one['deadlocks']}"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from itertools import product
 
@@ -13,7 +14,7 @@ from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
 from formation.stability.losses import losses
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported
 
 
@@ -44,8 +45,7 @@ def faults(mission: Mission, by_chance: Result) -> Iterator[str]:
 
 
 TITLE = "Missions that are made"
-RUNS, SIZES = 10, range(3, 51)
-"""Random starts of each; robots."""
+RUNS, SIZES = 10, range(3, 51)  # random starts of each; robots
 ABOUT = f"""\
 `formation new` for every shape, 3 to 50 robots, both kinds of robots. Of each mission: does `check` find a
 problem or a warning, would anybody hold after the loss of any one follower, is the bound under which it
@@ -57,19 +57,16 @@ slots around its own, and starts that are strewn widely bring others together.""
 def run(options: Options) -> Found:
     sizes, runs = ((3, 7, 16), 5) if options.quick else (SIZES, RUNS)
     every = list(product(PROFILES, SHAPES, sizes))
-    rows = {
-        f"{shape}, {profile}": {"tried": 0, "well": 0, "starts": 0, "touched": 0}
-        for profile, shape in product(PROFILES, SHAPES)
-    }
+    rows: dict[str, Counter[str]] = {}
     wrong: list[str] = []
     for profile, shape, robots in reported("missions", every):
-        mission, row = made(shape, robots, profile), rows[f"{shape}, {profile}"]
+        mission = made(shape, robots, profile)
         by_chance = simulate(mission, runs=runs)
         found = list(faults(mission, by_chance))
-        row["tried"] += 1
-        row["well"] += not found
-        row["starts"] += runs
-        row["touched"] += int((by_chance.nearest < 0.0).sum())
+        touched = int((by_chance.nearest < 0.0).sum())
+        rows.setdefault(f"{shape}, {profile}", Counter()).update(
+            tried=1, well=int(not found), starts=runs, touched=touched
+        )
         wrong += [f"{mission.name}, {profile}: {fault}" for fault in found]
     well = sum(row["well"] for row in rows.values())
     words = "what `formation new` makes passes `check` and converges, every shape, 3 to 50 robots"
@@ -79,10 +76,9 @@ def run(options: Options) -> Found:
 
 def section(found: Found) -> str:
     rows = [
-        [name, f"{row['well']} of {row['tried']}", f"{row['touched']} of {row['starts']}"]
+        f"{name} | {row['well']} of {row['tried']} | {row['touched']} of {row['starts']}"
         for name, row in found["rows"].items()
     ]
     wrong = "".join(f"- {words}\n" for words in found["wrong"])
-    return markdown(("shape, robots", "sizes with nothing wrong", "random starts that touch"), rows) + (
-        f"\nWhat was wrong:\n\n{wrong}" if wrong else ""
-    )
+    tried = table("shape, robots | sizes with nothing wrong | random starts that touch", rows)
+    return tried + (f"\nWhat was wrong:\n\n{wrong}" if wrong else "")

@@ -1,14 +1,17 @@
-"""What every part is asked, and what it gives."""
+"""What every part is asked, and what it gives.
+
+A part is a module with a TITLE, ABOUT (what was done and under which conditions, in sentences),
+`run(options)`, whose result has ``bars``, each of `bar`, and `section(found)`: tables for people.
+"""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from tests.campaigns.document import Found
+from tests.campaigns.figures import progress
 
 T = TypeVar("T")
 
@@ -16,26 +19,9 @@ T = TypeVar("T")
 class Options(NamedTuple):
     """What was asked for on the command line."""
 
-    quick: bool = False
-    """A few tries that show that it works; the figures mean little."""
-    jobs: int = 1
-    """Processes side by side, for parts whose tries are processes of their own."""
-    figures: Path | None = None
-    """The folder that pictures go into; none are wanted without one."""
-
-
-class Part(Protocol):
-    """A module of this folder, named in `tests.campaigns.safety.__main__.PARTS`."""
-
-    TITLE: str
-    ABOUT: str
-    """What was done and under which conditions, in sentences."""
-
-    def run(self, options: Options) -> Found:
-        """Do it; what was found, with ``bars``: a list of what `bar` gives, shown above the section."""
-
-    def section(self, found: Found) -> str:
-        """Tables for people, and pictures as ``![what it shows](figures/safety_NAME.svg)``."""
+    quick: bool = False  # a few tries that show that it works; the figures mean little
+    jobs: int = 1  # processes side by side, for parts whose tries are processes of their own
+    figures: Path | None = None  # the folder that pictures go into; none are wanted without one
 
 
 def bar(words: str, found: str, held: bool) -> dict[str, Any]:
@@ -60,7 +46,7 @@ def reporting(name: str, every: float = 2.0) -> Callable[[float], None]:
         now = time.monotonic()
         if done > 0.0 and now - last >= every:
             left = (now - began) * (1.0 / done - 1.0)
-            print(f"{name}: {100 * done:.0f} %, {left:.0f} s left", file=sys.stderr, flush=True)
+            progress(f"{name}: {100 * done:.0f} %, {left:.0f} s left")
             last = now
 
     return tell

@@ -16,7 +16,8 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from tests.campaigns.document import Found
-from tests.campaigns.figures import filled, markdown
+from tests.campaigns.figures import filled
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.missions import with_robots
 
@@ -27,8 +28,7 @@ MISSIONS = {"six robots": "six_robots", "TurtleBot3 pair": "turtlebot3_pair"}
 STARTS, SEED = 20, 1
 SETTLED, OWN, SECONDS, STEP = 15.0, 30.0, 60.0, 0.1
 """From when on a formation is judged, how long the missions last, how long runs last; between looks [s]."""
-MOST = 0.03
-"""Root mean square by which relative positions may be off [m]."""
+MOST = 0.03  # root mean square by which relative positions may be off [m]
 TITLE = "Robots with mass"
 ABOUT = f"""\
 Both shipped missions of the paper, with `avoid = "all"` for starts that cross, in the MuJoCo world
@@ -41,11 +41,10 @@ what the shape wants, root mean square over time and over who measures whom, or 
 among them. Touching is as MuJoCo finds contacts; *nearest* is the room between the circles that hold two
 bodies."""
 HEADER = (
-    "mission", "runs that touch", "nearest",
-    f"off, {SETTLED:.0f} to {OWN:.0f} s: all runs, worst", f"{SETTLED:.0f} to {SECONDS:.0f} s",
-    "of it in odometry",
-    f"over all pairs, {SETTLED:.0f} to {SECONDS:.0f} s", "in the last 5 s",
-)  # fmt: skip
+    f"mission | runs that touch | nearest | off, {SETTLED:.0f} to {OWN:.0f} s: all runs, worst | "
+    f"{SETTLED:.0f} to {SECONDS:.0f} s | of it in odometry | "
+    f"over all pairs, {SETTLED:.0f} to {SECONDS:.0f} s | in the last 5 s"
+)
 KINDS = ("own", "whole", "counted", "pairs", "last")
 """How far relative positions were off, as the header has them."""
 
@@ -62,19 +61,13 @@ def run(options: Options) -> Found:
 def bars(found: Found) -> list[Found]:
     every = []
     for name, one in found.items():
-        starts, own, whole = one["starts"], one["own"], one["whole"]
+        starts, touched, own, whole = one["starts"], one["touched"], max(one["own"]), max(one["whole"])
+        lasts = f"{name}: off by less than 3 cm RMS for as long as the mission lasts, each start"
+        over = f"worst {100 * whole:.1f} cm, {sum(off >= MOST for off in one['whole'])} of {starts} over 3 cm"
         every += [
-            bar(f"{name}: nobody touches, {starts} starts", f"{one['touched']} runs", not one["touched"]),
-            bar(
-                f"{name}: off by less than 3 cm RMS for as long as the mission lasts, each start",
-                f"worst {100 * max(own):.1f} cm",
-                max(own) < MOST,
-            ),
-            bar(
-                f"{name}: the same for {SECONDS:.0f} s",
-                f"worst {100 * max(whole):.1f} cm, {sum(off >= MOST for off in whole)} of {starts} over 3 cm",
-                max(whole) < MOST,
-            ),
+            bar(f"{name}: nobody touches, {starts} starts", f"{touched} runs", not touched),
+            bar(lasts, f"worst {100 * own:.1f} cm", own < MOST),
+            bar(f"{name}: the same for {SECONDS:.0f} s", over, whole < MOST),
         ]
     return every
 
@@ -88,36 +81,35 @@ def real_time(speed: Found) -> Found:
 
 def section(found: Found) -> str:
     speed = found["speed"]
-    return "\n".join(
-        [
-            markdown(HEADER, [_row(name, one) for name, one in found["runs"].items()]),
-            filled(
-                "*Of it in odometry* is what the robots could have known of: the same figure with control",
-                "points where odometry has them. All else is drift, which none of their inputs shows. It",
-                "grows with time: a gyroscope that is off by 0.0001 rad/s is off by 6 mrad after a",
-                "minute, and a robot at 0.2 m/s has by then gone 3.6 cm aside.",
-            ),
-            filled(
-                f"{SECONDS:.0f} s of six robots took {speed['world_took']:.1f} s without agents, all driving",
-                f"circles ({speed['world']:.0f} times real time), and {speed['fleet_took']:.1f} s with the",
-                f"agents of all and the leader in the same process ({speed['fleet']:.1f} times).",
-            ),
-        ]
-    )
+    parts = [
+        table(HEADER, [_row(name, one) for name, one in found["runs"].items()]),
+        filled(
+            "*Of it in odometry* is what the robots could have known of: the same figure with control",
+            "points where odometry has them. All else is drift, which none of their inputs shows. It",
+            "grows with time: a gyroscope that is off by 0.0001 rad/s is off by 6 mrad after a",
+            "minute, and a robot at 0.2 m/s has by then gone 3.6 cm aside.",
+        ),
+        filled(
+            f"{SECONDS:.0f} s of six robots took {speed['world_took']:.1f} s without agents, all driving",
+            f"circles ({speed['world']:.0f} times real time), and {speed['fleet_took']:.1f} s with the",
+            f"agents of all and the leader in the same process ({speed['fleet']:.1f} times).",
+        ),
+    ]
+    return "\n".join(parts)
 
 
-def _row(name: str, found: Found) -> list[str]:
+def _row(name: str, found: Found) -> str:
     off = [f"{100 * over_all(found[kind]):.2f}, {100 * max(found[kind]):.2f} cm" for kind in KINDS]
-    return [name, f"{found['touched']} of {found['starts']}", f"{100 * found['nearest']:.1f} cm", *off]
+    touched = f"{found['touched']} of {found['starts']}"
+    return " | ".join([name, touched, f"{100 * found['nearest']:.1f} cm", *off])
 
 
 def together(mission: Mission, starts: int, name: str) -> Found:
     """All runs of a mission: lists have one figure [m] for each start."""
     from tests.support.physics_worlds import InPhysics, at_random
 
-    every = at_random(mission, STARTS, SEED)[:starts]
-    told_of = reported(f"physics: {name}", every)
-    runs = [driven(InPhysics(start, seed)) for seed, start in enumerate(told_of)]
+    every = reported(f"physics: {name}", at_random(mission, STARTS, SEED)[:starts])
+    runs = [driven(InPhysics(start, seed)) for seed, start in enumerate(every)]
     return {
         "starts": starts,
         "touched": sum(one["touched"] for one in runs),
@@ -127,15 +119,13 @@ def together(mission: Mission, starts: int, name: str) -> Found:
 
 
 def driven(team: InPhysics) -> Found:
-    true, counted = [], []
+    both = []
     for _ in range(round(SECONDS / STEP)):
         team.fleet.run(STEP)
-        truth, believed = team.off()
-        true.append(truth)
-        counted.append(believed)
+        both.append(team.off())
+    off, believed = np.array(both).swapaxes(0, 1)
     edges = [(i, j) for i, row in enumerate(team.mission.graph.neighbours) for j in row]
     pairs = list(combinations(range(len(team.mission.names)), 2))
-    off, believed = np.array(true), np.array(counted)
     return {
         "touched": bool(team.world.touched),
         "nearest": team.world.nearest,
@@ -172,5 +162,6 @@ def how_fast(mission: Mission, seconds: float) -> Found:
     between = time.perf_counter()
     team.fleet.run(seconds)
     alone, fleet = between - began, time.perf_counter() - between
-    took = {"world_took": alone, "fleet_took": fleet}
-    return {**took, "world": seconds / alone, "fleet": seconds / fleet}
+    return {
+        "world_took": alone, "fleet_took": fleet, "world": seconds / alone, "fleet": seconds / fleet
+    }  # fmt: skip

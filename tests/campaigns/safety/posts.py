@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import random
 import statistics
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,39 +12,33 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.patches import Circle
 
+from formation.deploy.rehearsal.workers import each
 from formation.mission.file import load
 from formation.mission.model import Mission
 from tests.campaigns.document import Found
-from tests.campaigns.figures import filled, markdown
+from tests.campaigns.figures import filled
+from tests.campaigns.parts import table
 from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 from tests.campaigns.safety.part import Options, bar, reporting
 from tests.support.fleet import Fleet
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
-HEAD = SIX.robots[SIX.leader].start.heading
-"""Where the formation goes, unit [world frame]."""
-MOST = 5
-"""Posts of a layout."""
-THIN, THICK = 0.04, 0.2
-"""Their radii [m]."""
-NEAR, FAR = 1.8, 4.0
-"""How far ahead of where the leader starts they stand [m]; robots start behind it."""
+HEAD = SIX.robots[SIX.leader].start.heading  # where the formation goes, unit [world frame]
+MOST = 5  # posts of a layout
+THIN, THICK = 0.04, 0.2  # their radii [m]
+NEAR, FAR = 1.8, 4.0  # how far ahead of where the leader starts they stand [m]; robots start behind it
 ASIDE = 0.3
 """They stand as far to the left as the leftmost slot and so much more, and the same to the right [m]."""
-GAP = 0.6
-"""Between two of them at least [m]: a body with its margins needs 30 cm, the filter's disc ahead 50."""
-BODY = SIX.robots[SIX.followers[0]].radius
-"""Of a robot [m]."""
+GAP = 0.6  # between two of them at least [m]: a body with its margins needs 30 cm, the filter's disc ahead 50
+BODY = SIX.robots[SIX.followers[0]].radius  # of a robot [m]
 
 
 class Post(NamedTuple):
     """Something round that stands."""
 
-    at: complex
-    """[m; world frame]"""
-    radius: float
-    """[m]"""
+    at: complex  # [m; world frame]
+    radius: float  # [m]
 
 
 def tracks() -> list[float]:
@@ -93,10 +86,8 @@ def mission(posts: Sequence[Post], *, worse: bool) -> Mission:
 
 
 FIGURE = "figures/safety_posts.svg"
-PICTURED, PICTURE_STEP = 36.0, 0.1
-"""What is shown, and from point to point of a path [s]."""
-MOMENTS = (8.0, 22.0, 36.0)
-"""At which bodies are drawn [s]."""
+PICTURED, PICTURE_STEP = 36.0, 0.1  # what is shown, and from point to point of a path [s]
+MOMENTS = (8.0, 22.0, 36.0)  # at which bodies are drawn [s]
 
 
 def draw(seed: int, folder: Path) -> None:
@@ -126,12 +117,9 @@ def draw(seed: int, folder: Path) -> None:
 TITLE = "Posts in the way"
 SECONDS, STEP, LAST = 70.0, 0.05, 5.0
 """Of a run, between two looks, at the end of which all has to be in formation [s]."""
-FORMED = 0.05
-"""Summed formation error under which it is [m]."""
-LAYOUTS, CLEAN = 200, 40
-"""With noise and lost beams, and without."""
-SHOWN = 6
-"""The layout of the picture."""
+FORMED = 0.05  # summed formation error under which it is [m]
+LAYOUTS, CLEAN = 200, 40  # with noise and lost beams, and without
+SHOWN = 6  # the layout of the picture
 ABOUT = filled(
     "Production agents of `six_robots` (five robots of 10 cm that drive, up to 1.5 m/s; the leader goes",
     'straight on at 0.2 m/s) with range scanners at 5 Hz, `scanner = "required"` and `avoid = "all"`, on a',
@@ -146,25 +134,18 @@ ABOUT = filled(
     f"again*: the formation error, summed over all edges, stays under {100 * FORMED:.0f} cm over the last",
     f"{LAST:.0f} s.",
 ).strip()
-HEADER = (
-    "scans", "layouts", "touched", "nearest post", "nearest bodies", "form again", "error then",
-    "deadlocks",
-)  # fmt: skip
+HEADER = "scans | layouts | touched | nearest post | nearest bodies | form again | error then | deadlocks"
 
 
 class Trial(NamedTuple):
     """One layout, driven once."""
 
     seed: int
-    worse: bool
-    """Whether beams are noisy and lost."""
+    worse: bool  # whether beams are noisy and lost
     posts: int
-    nearest_post: float
-    """How near a body came to a post, negative where they touched [m]."""
-    nearest_body: float
-    """And to another body [m]."""
-    error: float
-    """Largest of the last seconds [m]."""
+    nearest_post: float  # how near a body came to a post, negative where they touched [m]
+    nearest_body: float  # and to another body [m]
+    error: float  # largest of the last seconds [m]
     deadlocks: int
 
     @property
@@ -183,7 +164,7 @@ def run(options: Options) -> Found:
     tries = [(seed, True) for seed in range(4 if options.quick else LAYOUTS)]
     tries += [(seed, False) for seed in range(4 if options.quick else CLEAN)]
     tell, trials = reporting("posts"), []
-    for one in driven(tries, options.jobs):
+    for one in each(drive, tries, options.jobs):
         trials.append(one)
         tell(len(trials) / len(tries))
     if options.figures is not None:
@@ -191,17 +172,9 @@ def run(options: Options) -> Found:
     return judged(trials)
 
 
-def driven(tries: list[tuple[int, bool]], jobs: int) -> Iterable[Trial]:
-    """Each layout, with so many processes side by side."""
-    if jobs == 1:
-        yield from (drive(*one) for one in tries)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(drive, *zip(*tries, strict=True))
-
-
-def drive(seed: int, worse: bool) -> Trial:
-    """One layout, once."""
+def drive(one: tuple[int, bool]) -> Trial:
+    """One layout, once, with worse scanners or clean ones."""
+    seed, worse = one
     posts = layout(seed)
     fleet = Fleet(mission(posts, worse=worse), seed=seed)
     names, post, body, error = fleet.mission.followers, float("inf"), float("inf"), 0.0
@@ -243,14 +216,9 @@ def judged(trials: list[Trial]) -> Found:
 def section(found: Found) -> str:
     """A table for people, what went wrong, and the picture."""
     rows = [
-        [
-            name,
-            *(str(one[key]) for key in ("layouts", "touched")),
-            *(f"{100 * one[key]:.1f} cm" for key in ("nearest_post", "nearest_body")),
-            str(one["formed"]),
-            f"{1000 * one['error']:.1f} mm",
-            str(one["deadlocks"]),
-        ]
+        f"{name} | {one['layouts']} | {one['touched']} | {100 * one['nearest_post']:.1f} cm | "
+        f"{100 * one['nearest_body']:.1f} cm | {one['formed']} | {1000 * one['error']:.1f} mm | "
+        f"{one['deadlocks']}"
         for name, one in found["kinds"].items()
     ]
     wrong = "".join(
@@ -259,10 +227,5 @@ def section(found: Found) -> str:
         for name, kind in found["kinds"].items()
         for one in kind["wrong"]
     )
-    return "\n".join(
-        [
-            markdown(HEADER, rows),
-            *(["What went wrong:\n", wrong] if wrong else []),
-            f"![Paths of five robots round posts, and where they are after 8, 22 and 36 s]({FIGURE})\n",
-        ]
-    )
+    picture = f"![Paths of five robots round posts, and where they are after 8, 22 and 36 s]({FIGURE})\n"
+    return "\n".join([table(HEADER, rows), *(["What went wrong:\n", wrong] if wrong else []), picture])

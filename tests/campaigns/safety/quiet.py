@@ -13,7 +13,7 @@ from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.sensing import MISSIONS, mission_of, noisy, resting
 
@@ -45,13 +45,11 @@ def run(options: Options) -> Found:
     rows = [_row(one, seconds, next(verdicts)) for one in reported("quiet", cases)]
     holds = sum(len(one["holds"]) for one in rows)
     broken = sum(len(one["others"]) for one in rows)
-    return {
-        "runs": rows,
-        "bars": [
-            bar(f"no false hold in {seconds:.0f} s of each mission", f"{holds}", holds == 0),
-            bar("no other rule of a rehearsal is broken", f"{broken} are", broken == 0),
-        ],
-    }
+    bars = [
+        bar(f"no false hold in {seconds:.0f} s of each mission", f"{holds}", holds == 0),
+        bar("no other rule of a rehearsal is broken", f"{broken} are", broken == 0),
+    ]
+    return {"runs": rows, "bars": bars}
 
 
 def undisturbed(seconds: float, case: Case) -> Verdict:
@@ -75,16 +73,10 @@ def _row(case: Case, seconds: float, verdict: Verdict) -> dict[str, Any]:
 
 def section(found: Found) -> str:
     rows = [
-        [
-            one["mission"],
-            one["world"],
-            "at rest" if one["at_rest"] else "as shipped",
-            f"{one['seconds']:.0f} s",
-            f"{100 * one['nearest']:.0f} cm",
-            "; ".join(one["holds"]) or "none",
-            "; ".join(one["others"]) or "none",
-        ]
+        f"{one['mission']} | {one['world']} | {'at rest' if one['at_rest'] else 'as shipped'} | "
+        f"{one['seconds']:.0f} s | {100 * one['nearest']:.0f} cm | {'; '.join(one['holds']) or 'none'} | "
+        f"{'; '.join(one['others']) or 'none'}"
         for one in found["runs"]
     ]
-    head = ("mission", "world", "leader", "time", "nearest bodies", "false holds", "other rules broken")
-    return markdown(head, rows)
+    header = "mission | world | leader | time | nearest bodies | false holds | other rules broken"
+    return table(header, rows)

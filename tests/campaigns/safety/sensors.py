@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
 from tests.campaigns.document import Found
-from tests.campaigns.figures import markdown
+from tests.campaigns.parts import table
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES, mission_of
 
@@ -46,16 +46,13 @@ def run(options: Options) -> Found:
     driven = max(one["driven"] for one in rows)
     lost = sum(one["lost"] for one in rows)
     broken = sum(len(one["violations"]) for one in rows)
-    return {
-        "faults": rows,
-        "bars": [
-            bar(
-                "no robot drives 10 cm from 1 s after the fault on", f"{100 * driven:.1f} cm", driven < BOUND
-            ),
-            bar("all go on by themselves when the sensor is well", f"{lost} do not", lost == 0),
-            bar("no rule of a rehearsal is broken", f"{broken} are", broken == 0),
-        ],
-    }
+    wanted = "no robot drives 10 cm from 1 s after the fault on"
+    bars = [
+        bar(wanted, f"{100 * driven:.1f} cm", driven < BOUND),
+        bar("all go on by themselves when the sensor is well", f"{lost} do not", lost == 0),
+        bar("no rule of a rehearsal is broken", f"{broken} are", broken == 0),
+    ]
+    return {"faults": rows, "bars": bars}
 
 
 def suffer(case: Case, seed: int) -> Verdict:
@@ -70,21 +67,17 @@ def _suffer(one: tuple[Case, int]) -> Verdict:
 
 
 def _row(case: Case, tries: Sequence[Verdict]) -> dict[str, Any]:
-    settled = [one.settled_at - _end(one) for one in tries if one.settled_at is not None]
+    ends = [max(fault.since + fault.lasts for fault in one.faults) for one in tries]
+    pairs = zip(tries, ends, strict=True)
+    settled = [one.settled_at - end for one, end in pairs if one.settled_at is not None]
     return {
         **case._asdict(),
         "tries": len(tries),
         "driven": max(one.blind_path for one in tries),
         "settled": max(settled, default=0.0),
         "lost": len(tries) - len(settled),
-        "violations": [
-            f"seed {one.seed}: {what.rule}: {what.what}" for one in tries for what in one.violations
-        ],
+        "violations": [f"seed {one.seed}: {bad.rule}: {bad.what}" for one in tries for bad in one.violations],
     }
-
-
-def _end(verdict: Verdict) -> float:
-    return max(one.since + one.lasts for one in verdict.faults)
 
 
 def _words(case: dict[str, Any]) -> str:
@@ -95,24 +88,11 @@ def _words(case: dict[str, Any]) -> str:
 
 
 def section(found: Found) -> str:
-    """Tables for people."""
-    faults = [
-        [
-            one["mission"],
-            one["source"],
-            _words(one),
-            str(one["tries"]),
-            f"{100 * one['driven']:.1f} cm",
-            f"{one['settled']:.1f} s",
-            str(one["lost"]),
-        ]
-        for one in found["faults"]
+    names = [(one, f"{one['mission']} | {one['source']} | {_words(one)}") for one in found["faults"]]
+    rows = [
+        f"{name} | {one['tries']} | {100 * one['driven']:.1f} cm | {one['settled']:.1f} s | {one['lost']}"
+        for one, name in names
     ]
-    head = ("mission", "source", "fault", "tries", "driven, most", "settled after, most", "not settled")
-    return "\n".join((markdown(head, faults), *_broken(found)))
-
-
-def _broken(found: Found) -> Iterator[str]:
-    for one in found["faults"]:
-        for what in one["violations"]:
-            yield f"- {one['mission']}, {one['source']}, {_words(one)}: {what}"
+    header = "mission | source | fault | tries | driven, most | settled after, most | not settled"
+    broken = [f"- {name.replace(' | ', ', ')}: {bad}" for one, name in names for bad in one["violations"]]
+    return "\n".join((table(header, rows), *broken))

@@ -1,21 +1,46 @@
-"""All defects, by name."""
+"""All defects, by name, from the files of this folder.
+
+A paragraph begins with the file of the product that its defects change. A defect has a line with its name,
+the groups of plans that it meets first, and what it breaks; then, behind -, text that the file contains
+exactly once, and behind + what replaces it. Lines without a replacement are removed.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
 
-from tests.campaigns.defects.catalogue import (
-    collisions,
-    control,
-    election,
-    leading,
-    orders,
-    persistence,
-    safety,
-    sensing,
-    watching,
-)
 from tests.campaigns.defects.defect import Defect
 
-PARTS = (safety, orders, persistence, collisions, control, sensing, election, leading, watching)
+DEFECT = re.compile(r"^([\w-]+) \((.+)\): (.+)\n((?:- .*\n)+)((?:\+ .*\n)*)", re.MULTILINE)
+
+
+class Part(NamedTuple):
+    DEFECTS: tuple[Defect, ...]
+
+
+def read(path: Path) -> Part:
+    """All defects of one file."""
+    _, *paragraphs = path.read_text(encoding="utf-8").strip().split("\n\n")
+    found = []
+    for paragraph in paragraphs:
+        file, _, rest = f"{paragraph}\n".partition("\n")
+        assert not DEFECT.sub("", rest), f"{path}: {DEFECT.sub('', rest)}"
+        for name, first, breaks, *texts in DEFECT.findall(rest):
+            before, after = ("\n".join(line[2:] for line in text.splitlines()) for text in texts)
+            found.append(
+                Defect(name, file, before if after else f"{before}\n", after, breaks, tuple(first.split()))
+            )
+    return Part(tuple(found))
+
+
+PARTS = [
+    read(Path(__file__).with_name(f"{name}.diff"))
+    for name in (
+        *("safety", "orders", "persistence", "collisions", "control"),
+        *("sensing", "election", "leading", "watching"),
+    )
+]
 DEFECTS: Mapping[str, Defect] = {one.name: one for part in PARTS for one in part.DEFECTS}
