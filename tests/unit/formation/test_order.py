@@ -122,7 +122,7 @@ def test_what_is_no_order_at_all_is_refused(data: bytes) -> None:
     ],
     ids=["no shape", "shape", "fly", "long"],
 )
-def test_what_is_refused_is_named(cls: type[Order | OperatorRequest], data: bytes, reason: str) -> None:
+def test_what_is_refused_is_named(cls: Any, data: bytes, reason: str) -> None:
     with pytest.raises(BadMessage, match=reason):
         decode(cls, data)
 

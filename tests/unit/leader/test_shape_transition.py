@@ -74,7 +74,7 @@ def still(moving: ShapeTransition, seconds: float, speed: float = 0.0) -> list[P
     return placed_shapes
 
 
-def velocities(placed_shapes: list[PlacedShape]) -> FloatArray:
+def velocities(placed_shapes: list[PlacedShape]) -> ComplexArray:
     """Of all slots, from one to the next, beginning at rest in the first shape."""
     places = [slots(FOUR, one) for one in (PlacedShape.first(FOUR), *placed_shapes)]
     return np.diff(places, axis=0) / PERIOD
