@@ -29,6 +29,11 @@ def pair(keys: str = "", robot1: str = "", robot2: str = "") -> Mission:
     return parse(edited(edited(text, "robots.robot1", robot1), "robots.robot2", robot2))
 
 
+def first(keys: str = "", robot1: str = "") -> Naming:
+    """Names of robot1 in that mission."""
+    return Naming.of(pair(keys, robot1).robots, ["robot1"])
+
+
 def test_a_bridge_uses_the_ros_name_without_its_slash() -> None:
     mission = pair()
     naming = Naming.of(mission.robots, mission.names)
@@ -40,76 +45,58 @@ def test_a_bridge_uses_the_ros_name_without_its_slash() -> None:
 
 
 def test_a_robot_without_namespace_has_bare_topics() -> None:
-    naming = Naming.of(pair(robot1='namespace = ""').robots, ["robot1"])
+    naming = first(robot1='namespace = ""')
     assert naming.key(ODOM, "robot1") == "odom"
     assert naming.logical("odom") == "robot1/odom"
     assert naming.logical("robot1/odom") is None
-
-
-def test_a_namespace_may_be_nested() -> None:
-    naming = Naming.of(pair(robot1='namespace = "lab/burger_1"').robots, ["robot1"])
-    assert naming.key(CMD_VEL, "robot1") == "lab/burger_1/cmd_vel"
 
 
 @pytest.mark.parametrize(
     ("kind", "name", "digest"), [("twist", "Twist", TWIST), ("twist_stamped", "TwistStamped", STAMPED)]
 )
 def test_rmw_zenoh_writes_domain_type_and_hash_into_the_key(kind: str, name: str, digest: str) -> None:
-    mission = pair(f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"')
-    naming = Naming.of(mission.robots, ["robot1"])
-    spelled = f"30/robot1/cmd_vel/geometry_msgs::msg::dds_::{name}_/RIHS01_{digest}"
+    naming = first(f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"', 'namespace = "lab/burger_1"')
+    spelled = f"30/lab/burger_1/cmd_vel/geometry_msgs::msg::dds_::{name}_/RIHS01_{digest}"
     assert naming.wire("robot1/cmd_vel") == naming.key(CMD_VEL, "robot1") == spelled
     assert naming.logical(spelled) == "robot1/cmd_vel"
 
 
 def test_wrong_message_type_gives_another_key() -> None:
-    naming = Naming.of(pair('ros = "rmw_zenoh"').robots, ["robot1"])
+    naming = first('ros = "rmw_zenoh"')
     wrong = naming.wire("robot1/cmd_vel", "geometry_msgs/msg/Twist")
     assert wrong.endswith(f"Twist_/RIHS01_{TWIST}")
     assert naming.logical(wrong) is None
 
 
 def test_the_attachment_has_33_bytes_with_sequence_time_and_sender() -> None:
-    naming = Naming.of(pair('ros = "rmw_zenoh"').robots, ["robot1"])
-    first = naming.attachment("robot1/cmd_vel", 7, 1_763_687_000.25, "abc")
-    assert first is not None
-    assert len(first) == 33
-    sequence, time_ns, length, gid = struct.unpack("<qqB16s", first)
-    assert (sequence, time_ns, length) == (7, 1_763_687_000_250_000_000, 16)
-    later = naming.attachment("robot1/cmd_vel", 8, 1_763_687_001.0, "abc")
-    assert later is not None
-    assert later[17:] == gid
-    for key, zid in (("robot1/cmd_vel", "def"), ("robot1/odom", "abc")):
-        other = naming.attachment(key, 7, 0.0, zid)
-        assert other is not None
-        assert other[17:] != gid
+    naming = first('ros = "rmw_zenoh"')
+
+    def parts(key: str, sequence: int, time: float, zid: str) -> tuple[int, int, int, bytes]:
+        attachment = naming.attachment(key, sequence, time, zid)
+        assert attachment is not None
+        return struct.unpack("<qqB16s", attachment)  # 33 bytes
+
+    *numbers, gid = parts("robot1/cmd_vel", 7, 1_763_687_000.25, "abc")
+    assert numbers == [7, 1_763_687_000_250_000_000, 16]
+    assert parts("robot1/cmd_vel", 8, 1_763_687_001.0, "abc")[3] == gid
+    assert parts("robot1/cmd_vel", 7, 0.0, "def")[3] != gid
+    assert parts("robot1/odom", 7, 0.0, "abc")[3] != gid
 
 
 def test_tokens_show_a_node_with_what_it_publishes_and_hears() -> None:
-    naming = Naming.of(pair('ros = "rmw_zenoh"\ndomain = 3').robots, ["robot1"])
-    node, says, receives = naming.tokens("formation_agent", ["robot1/cmd_vel"], ["robot1/odom"], "a1b2")
+    node, says, scan, receives = first('ros = "rmw_zenoh"\ndomain = 3').tokens(
+        "formation_agent", ["robot1/cmd_vel"], ["robot1/scan", "robot1/odom"], "a1b2"
+    )
     assert node == "@ros2_lv/3/a1b2/0/0/NN/%/%robot1/_formation_agent"
     assert says == (
         "@ros2_lv/3/a1b2/0/1/MP/%/%robot1/_formation_agent/%robot1%cmd_vel/"
         f"geometry_msgs::msg::dds_::TwistStamped_/RIHS01_{STAMPED}/::,10:,:,:,,"
     )
-    received = read_token(receives)
+    sensed, received = read_token(scan), read_token(receives)
+    assert sensed is not None
     assert received is not None
-    assert (received.kind, received.id, received.topic, received.type) == ("MS", 2, "robot1/odom", ODOM.type)
-
-
-def test_a_scan_is_declared_as_sensor_data() -> None:
-    naming = Naming.of(pair('ros = "rmw_zenoh"').robots, ["robot1"])
-    _, scan, odometry = naming.tokens("formation_agent", [], ["robot1/scan", "robot1/odom"], "a1b2")
-    found = [read_token(scan), read_token(odometry)]
-    assert [token.qos for token in found if token is not None] == ["2::,5:,:,:,,", "::,10:,:,:,,"]
-
-
-def test_nodes_without_parameter_services_are_hidden() -> None:
-    naming = Naming.of(pair('ros = "rmw_zenoh"').robots, ["robot1"])
-    (node,) = map(read_token, naming.tokens("formation_agent", (), ["robot1/odom"], "1")[:1])
-    assert node is not None
-    assert node.node.startswith("_")
+    assert (sensed.qos, received.qos) == ("2::,5:,:,:,,", "::,10:,:,:,,")
+    assert (received.kind, received.id, received.topic, received.type) == ("MS", 3, "robot1/odom", ODOM.type)
 
 
 def test_tokens_of_robots_have_own_nodes_and_ids() -> None:
@@ -142,11 +129,10 @@ def test_robots_that_ros_cannot_tell_apart_cannot_share_a_session() -> None:
 
 
 def test_a_key_that_is_not_in_the_table_is_an_error() -> None:
-    naming = Naming.of(pair().robots, ["robot1"])
     with pytest.raises(ValueError, match="no key of the topic table"):
-        naming.wire("robot1/battery")
+        first().wire("robot1/battery")
     with pytest.raises(KeyError):
-        naming.wire("robot2/odom")
+        first().wire("robot2/odom")
 
 
 NAMESPACES = st.one_of(
@@ -166,27 +152,23 @@ def test_every_key_has_one_spelling_and_every_spelling_one_key(
     namespaces: list[str | None], dialects: list[str], domains: list[int]
 ) -> None:
     text = SIX
-    for number, name in enumerate(parse(SIX).names):
-        lines = f'ros = "{dialects[number]}"\ndomain = {domains[number]}\n'
-        if namespaces[number] is not None:
-            lines += f'namespace = "{namespaces[number]}"\n'
-        text = edited(text, f"robots.{name}", lines)
-    mission = parse(text)  # legal: no two robots have an endpoint in common
-    keys = [
-        one.key
-        for name in mission.names
-        for one in RosNames.of(name, mission.robots[name]).addresses()
-    ] + [ERROR.key()]  # fmt: skip
-    for name in mission.names:
-        assert_one_to_one(
-            Naming.of(mission.robots, [name]), [key for key in keys if address(key).robot == name]
+    names = [f"robot{number}" for number in range(1, 7)]
+    for name, namespace, dialect, domain in zip(names, namespaces, dialects, domains, strict=True):
+        lines = f'ros = "{dialect}"\ndomain = {domain}\n'
+        text = edited(
+            text, f"robots.{name}", lines + (f'namespace = "{namespace}"\n' if namespace is not None else "")
         )
+    mission = parse(text)  # legal: no two robots have an endpoint in common
+    keys = [one.key for name in names for one in RosNames.of(name, mission.robots[name]).addresses()]
+    keys.append(ERROR.key())
+    for name in names:
+        own = [key for key in keys if address(key).robot == name]
+        assert_one_to_one(Naming.of(mission.robots, [name]), own)
     try:
-        naming = Naming.of(mission.robots, mission.names)
+        naming = Naming.of(mission.robots, names)
     except ValueError:
-        naming = None  # two share a name: then there must be no naming, and else no two may
-    if naming is not None:
-        assert_one_to_one(naming, keys)
+        return  # two share a name: then there must be no naming, and else no two may
+    assert_one_to_one(naming, keys)
 
 
 def assert_one_to_one(naming: Naming, keys: list[str]) -> None:
@@ -195,19 +177,16 @@ def assert_one_to_one(naming: Naming, keys: list[str]) -> None:
     assert len(set(wires)) == len(keys)
 
 
-def test_every_key_of_the_table_can_be_taken_apart() -> None:
-    for topic in TABLE:
-        robot = "robot1" if "{robot}" in topic.pattern else ""
-        other = "robot2" if "{other}" in topic.pattern else ""
-        assert address(topic.key(robot, other)) == (topic, robot, other)
-
-
 def test_a_type_has_a_name_in_dds_and_back() -> None:
     types = {name for topic in TABLE for name in topic.types}
     assert dds_type("nav_msgs/msg/Odometry") == "nav_msgs::msg::dds_::Odometry_"
     assert {ros_type(dds_type(name)) for name in types} == types
     assert ros_type("HelloWorld::Msg") == dds_type("HelloWorld::Msg") == "HelloWorld::Msg"
     assert ORDER.type == ""
+    for topic in TABLE:
+        robot = "robot1" if "{robot}" in topic.pattern else ""
+        other = "robot2" if "{other}" in topic.pattern else ""
+        assert address(topic.key(robot, other)) == (topic, robot, other)
 
 
 PARTS = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
@@ -215,13 +194,9 @@ PATHS = st.lists(PARTS, min_size=1, max_size=4).map("/".join)
 
 
 @given(
-    st.integers(0, 232),
-    st.integers(0, 99),
-    st.sampled_from(["NN", "MP", "MS", "SS", "SC"]),
-    PATHS,
-    PARTS,
-    PATHS,
-)
+    st.integers(0, 232), st.integers(0, 99), st.sampled_from(["NN", "MP", "MS", "SS", "SC"]),
+    PATHS, PARTS, PATHS,
+)  # fmt: skip
 def test_a_token_is_read_as_it_was_written(
     domain: int, number: int, kind: str, namespace: str, node: str, topic: str
 ) -> None:
@@ -248,29 +223,18 @@ def test_a_bridges_route_is_read() -> None:
     assert read_route(key) == Route("a1b2", "MS", "robot1/cmd_vel", "geometry_msgs/msg/Twist")
     service = "@/a1b2/@ros2_lv/SS/robot1§reset_odometry/std_srvs§srv§Trigger"
     assert read_route(service) == Route("a1b2", "SS", "robot1/reset_odometry", "std_srvs/srv/Trigger")
-    for other in (
-        "",
-        "robot1/odom",
-        "@/a1b2/@ros2_lv",
-        "@/a1b2/@ros2_lv/XX/a/b/c",
-        "@/a1b2/@ros2_lv/MS//b/c",
-    ):
-        assert read_route(other) is None
+    rest = ("", "robot1/odom", "@/a1b2/@ros2_lv", "@/a1b2/@ros2_lv/XX/a/b/c", "@/a1b2/@ros2_lv/MS//b/c")
+    assert [read_route(other) for other in rest] == [None] * 5
 
 
 @pytest.mark.parametrize(
     "key",
     [
-        "",
-        "robot1/odom",
-        "@ros2_lv/0/abc/0/0/NN/%/%",
-        "@ros2_lv/0/abc/0/0/XX/%/%/agent",
-        "@ros2_lv/0/abc/0/0/MP/%/%/agent",
-        "@ros2_lv/zero/abc/0/0/NN/%/%/agent",
-        "@ros2_lv/0/abc/0/²/NN/%/%/agent",
-        "@ros2_lv/0/abc//0/NN/%/%/agent",
+        "", "robot1/odom", "@ros2_lv/0/abc/0/0/NN/%/%", "@ros2_lv/0/abc/0/0/XX/%/%/agent",
+        "@ros2_lv/0/abc/0/0/MP/%/%/agent", "@ros2_lv/zero/abc/0/0/NN/%/%/agent",
+        "@ros2_lv/0/abc/0/²/NN/%/%/agent", "@ros2_lv/0/abc//0/NN/%/%/agent",
     ],
-)
+)  # fmt: skip
 def test_a_key_that_is_no_token_is_none(key: str) -> None:
     assert read_token(key) is None
 

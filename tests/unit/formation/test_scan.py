@@ -79,27 +79,20 @@ def test_beam_towards_a_disc_hits_it(
         assert found[number] <= distance
 
 
-def test_a_wall_ahead_is_as_far_as_geometry_says() -> None:
-    found = cast(0j, 1 + 0j, [], [(2 - 1j, 2 + 1j)], BEAMS)
+@pytest.mark.parametrize("wall", [(2 - 1j, 2 + 1j), (2 + 1j, 2 - 1j)])
+def test_a_wall_ahead_is_as_far_as_geometry_says(wall: tuple[complex, complex]) -> None:
+    found = cast(0j, 1 + 0j, [], [wall], BEAMS)
     assert found[0] == pytest.approx(2.0)
     assert found[20] == pytest.approx(2.0 / math.cos(math.radians(20)))
     assert found[27] == found[180] == math.inf  # past its end, and behind
     assert found[340] == pytest.approx(found[20])
 
 
-def test_it_does_not_matter_which_end_of_a_wall_comes_first() -> None:
-    one = cast(0.3j, 1j, [], [(2 - 1j, 2 + 1j)], BEAMS)
-    assert one == pytest.approx(cast(0.3j, 1j, [], [(2 + 1j, 2 - 1j)], BEAMS))
-
-
 def test_a_robot_hides_what_is_behind_it() -> None:
     found = cast(0j, 1 + 0j, [(1 + 0j, 0.1), (2 + 0j, 0.1)], [(3 - 3j, 3 + 3j)], BEAMS)
     assert found[0] == pytest.approx(0.9)
     assert found[30] == pytest.approx(3.0 / math.cos(math.radians(30)))
-
-
-def test_within_a_disc_nothing_is_far() -> None:
-    assert set(cast(0j, 1 + 0j, [(0.05 + 0j, 0.1)], [], BEAMS)) == {0.0}
+    assert set(cast(0j, 1 + 0j, [(0.05 + 0j, 0.1)], [], BEAMS)) == {0.0}  # within a disc
 
 
 @given(places, headings, discs, walls)
@@ -108,13 +101,9 @@ def test_a_mirrored_world_gives_a_mirrored_scan(
 ) -> None:
     assume(all(off_wall(at, *wall) > 1e-3 for wall in walls))  # on a wall one sees one of its sides
     found = cast(at, heading, discs, walls, FEW)
-    mirrored = cast(
-        at.conjugate(),
-        heading.conjugate(),
-        [(centre.conjugate(), radius) for centre, radius in discs],
-        [(begin.conjugate(), end.conjugate()) for begin, end in walls],
-        FEW,
-    )
+    mirrored_discs = [(centre.conjugate(), radius) for centre, radius in discs]
+    mirrored_walls = [(begin.conjugate(), end.conjugate()) for begin, end in walls]
+    mirrored = cast(at.conjugate(), heading.conjugate(), mirrored_discs, mirrored_walls, FEW)
     # at the very edge of a thing a beam may hit on one side and miss on the other
     differ = [n for n in range(FEW) if abs(found[n] - mirrored[-n % FEW]) > 1e-6]
     assert len(differ) <= 2 * (len(discs) + len(walls))
@@ -122,14 +111,14 @@ def test_a_mirrored_world_gives_a_mirrored_scan(
 
 def test_a_scanner_says_what_it_can_and_loses_its_share() -> None:
     rng, beams = random.Random(1), 20_000
-    scanner = Scanner(lost=0.1)
     normal = [rng.gauss(0.0, 1.0) for _ in range(beams)]
     uniform = [rng.random() for _ in range(beams)]
-    near = [d for d in measured([0.3] * beams, scanner, normal, uniform) if d != LOST_RANGE]
-    far = [d for d in measured([3.0] * beams, scanner, normal, uniform) if d != LOST_RANGE]
-    assert len(near) / beams == pytest.approx(0.9, abs=0.01)
-    assert math.sqrt(sum((d - 0.3) ** 2 for d in near) / len(near)) == pytest.approx(0.005, rel=0.03)
-    assert math.sqrt(sum((d - 3.0) ** 2 for d in far) / len(far)) == pytest.approx(0.0525, rel=0.03)
+    for distance, noise in ((0.3, 0.005), (3.0, 0.0525)):
+        ranges = measured([distance] * beams, Scanner(lost=0.1), normal, uniform)
+        seen = [one for one in ranges if one != LOST_RANGE]
+        assert len(seen) / beams == pytest.approx(0.9, abs=0.01)
+        rms = math.sqrt(sum((one - distance) ** 2 for one in seen) / len(seen))
+        assert rms == pytest.approx(noise, rel=0.03)
 
 
 @pytest.mark.parametrize("distance", [0.05, 4.0, math.inf])
@@ -187,13 +176,10 @@ def test_every_beam_that_hit_is_in_a_circle(
 @given(sweeps, mounts)
 def test_no_circle_is_larger_than_it_needs_to_be(ranges: tuple[float, ...], mount: Mount) -> None:
     for circle in circles(points(scan(ranges), mount, 0.1), STEP):
-        nearest = abs(circle.at) - circle.radius
-        half_a_beam = 0.5 * STEP * abs(circle.at)
         # its first point is no further than its centre and its radius together
-        assert (
-            circle.radius
-            <= max(MIN_RADIUS_LIMIT, MAX_RADIUS_SHARE * (nearest + 2 * circle.radius)) + half_a_beam + 1e-9
-        )
+        furthest = abs(circle.at) + circle.radius
+        largest = max(MIN_RADIUS_LIMIT, MAX_RADIUS_SHARE * furthest) + 0.5 * STEP * abs(circle.at)
+        assert circle.radius <= largest + 1e-9
 
 
 @given(sweeps, mounts)
@@ -225,16 +211,14 @@ def test_its_own_body_is_nothing_in_a_robots_way(ranges: tuple[float, ...], radi
 @given(motions, st.floats(0.2, 2.0), angles)
 def test_scan_during_motion_is_placed_at_last_beam(motion: Motion, distance: float, angle: float) -> None:
     post, beams = cmath.rect(distance + 1.0, angle), 24
-    ranges = [math.inf] * beams
     hits = []
     for number in range(beams):  # each beam happens to hit the post from where the robot is by then
         share = number / (beams - 1)
         position, heading = along(0j, 1 + 0j, share * motion.distance, share * motion.turn)
         there = (post - position) / heading
-        one = list(ranges)
-        one[number] = abs(there)
+        ranges = tuple(abs(there) if one == number else math.inf for one in range(beams))
         mount = Mount(0j, there / abs(there) / cmath.rect(1.0, number * STEP))
-        hits += points(scan(tuple(one)), mount, 0.0, motion)
+        hits += points(scan(ranges), mount, 0.0, motion)
     position, heading = along(0j, 1 + 0j, *motion)
     assert hits == pytest.approx([(post - position) / heading] * beams, abs=1e-9)
 
@@ -245,10 +229,8 @@ def test_what_stands_is_seen_where_it_stands_after_going_on(
 ) -> None:
     found = circles(points(scan(ranges), HERE, 0.1), STEP)
     position, heading = along(0j, 1 + 0j, *motion)
-    later = carried(found, (position, heading))
-    assert [position + heading * circle.at for circle in later] == pytest.approx(
-        [circle.at for circle in found], abs=1e-9
-    )
+    places = [position + heading * circle.at for circle in carried(found, (position, heading))]
+    assert places == pytest.approx([circle.at for circle in found], abs=1e-9)
 
 
 # What robots meet
@@ -276,17 +258,13 @@ def test_a_beam_that_says_nothing_is_no_point(says: float) -> None:
 def test_post_is_covered_by_few_small_circles(distance: float) -> None:
     found = seen([(distance + 0j, 0.05)], [])
     assert 1 <= len(found) <= 3
-    for number in range(360):
-        surface = distance + cmath.rect(0.05, number * STEP)
-        if abs(surface) < distance - 0.03:  # in the scanner's sight
-            assert clearance(found, surface) < 0.01
+    surfaces = [distance + cmath.rect(0.05, number * STEP) for number in range(360)]
+    in_sight = [surface for surface in surfaces if abs(surface) < distance - 0.03]
+    assert all(clearance(found, surface) < 0.01 for surface in in_sight)
     assert min(abs(circle.at) - circle.radius for circle in found) > distance - 0.05 - 0.06
-
-
-def test_a_post_as_thin_as_a_beam_is_seen() -> None:
-    (circle,) = seen([(2.0 + 0j, 0.01)], [])
-    assert abs(circle.at - 1.99) < 1e-5
-    assert 0.0 < circle.radius < 0.03
+    (thin,) = seen([(distance + 0j, 0.005 * distance)], [])  # as a beam
+    assert abs(thin.at - 0.995 * distance) < 1e-5
+    assert 0.0 < thin.radius < 0.015 * distance
 
 
 def test_a_wall_is_a_chain_that_leaves_room_beside_it() -> None:
@@ -325,11 +303,7 @@ def test_only_unknown_circles_are_strangers() -> None:
     assert {mate(circle, mates) for circle in found} == {"robot2", None}
     assert all(abs(circle.at - 1j) < 0.2 for circle in strangers(found, mates))
     assert strangers(found, mates)
-
-
-def test_teammate_away_from_its_position_is_a_stranger() -> None:
-    found = seen([(1 + 0j, 0.1)], [])
-    assert strangers(found, [Mate("robot2", 1 + 0.5j, 0.1)]) == found
+    assert strangers(found, [Mate("robot2", 1 + 0.5j, 0.1)]) == found  # away from its position
 
 
 def test_what_reaches_out_of_a_team_mate_is_a_stranger() -> None:

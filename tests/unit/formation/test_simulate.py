@@ -115,6 +115,29 @@ def test_random_starts_cover_spread_and_all_headings() -> None:
         assert 2.9 < axis.max() <= 3.0
     assert abs(starts.heading.mean()) < 0.05
     assert np.abs(starts.heading) == pytest.approx(1.0)
+    turned = as_a_whole(load("six_robots"), 90.0)
+    starts = random_starts(turned, 20, 0.0, np.random.default_rng(0))
+    slots = np.array(turned.slots()[1:]) * turned.leader_heading
+    assert starts.position + 0.2 * starts.heading == pytest.approx(np.tile(slots, (20, 1)))
+
+
+def test_a_single_run_starts_as_the_mission_says_and_tells_progress() -> None:
+    mission, shares = load("six_robots"), list[float]()
+    history = simulate(mission, horizon=0.1, keep=True, progress=shares.append).history
+    assert history is not None
+    assert history.position[0].tolist() == [mission.robots[name].start.position for name in mission.names]
+    assert history.names == mission.names
+    assert history.time[-1] == pytest.approx(0.1)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_unexamined_touching_and_unsettled_times_are_null() -> None:
+    found = simulate(SIX, runs=3, horizon=1.0).summary()
+    assert SIX.collisions.mode == "off"
+    assert (found["touched"], found["nearest"]) == (None, None)
+    assert (found["converged_fraction"], found["settling_time"]) == (0.0, {"median": None, "p95": None})
+    assert simulate(load("six_robots"), horizon=1.0).summary()["touched"] == 0
 
 
 def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
@@ -126,29 +149,12 @@ def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
         assert min(abs(a - b) for k, a in enumerate(run) for b in run[:k]) >= 0.8 + MIN_START_CLEARANCE
 
 
-def test_a_single_run_starts_as_the_mission_says() -> None:
-    mission = load("six_robots")
-    history = simulate(mission, horizon=0.1, keep=True).history
-    assert history is not None
-    assert history.position[0].tolist() == [mission.robots[name].start.position for name in mission.names]
-    assert history.names == mission.names
-    assert history.time[-1] == pytest.approx(0.1)
-
-
 def test_turning_mission_settles_like_upright_mission() -> None:
     upright, turned = (as_a_whole(load("six_robots"), degrees) for degrees in (0.0, 90.0))
     times = [float(simulate(one, horizon=30.0).settling_time[0]) for one in (upright, turned)]
     assert times[1] == pytest.approx(times[0], abs=0.05)
     assert analyse(turned).settling_time_estimate == pytest.approx(
         analyse(upright).settling_time_estimate, abs=0.1
-    )
-
-
-def test_random_starts_are_around_the_slots_as_they_are_turned() -> None:
-    turned = as_a_whole(load("six_robots"), 90.0)
-    starts = random_starts(turned, 20, 0.0, np.random.default_rng(0))
-    assert starts.position + 0.2 * starts.heading == pytest.approx(
-        np.tile(np.array(turned.slots()[1:]) * turned.leader_heading, (20, 1))
     )
 
 
@@ -167,29 +173,15 @@ def as_a_whole(mission: Mission, degrees: float) -> Mission:
 # What is reported
 
 
-def test_unexamined_touching_is_null() -> None:
-    found = simulate(SIX, runs=2, horizon=1.0).summary()
-    assert SIX.collisions.mode == "off"
-    assert (found["touched"], found["nearest"]) == (None, None)
-    assert simulate(load("six_robots"), horizon=1.0).summary()["touched"] == 0
-
-
 def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
     found = simulate(SIX, runs=3, horizon=30.0).summary()
     assert set(found) == {
-        *("runs", "converged_fraction", "settling_time"),
-        *("touched", "nearest", "deadlocks"),
-        *("final_error", "wall_time", "robot_steps_per_second"),
-    }
+        "runs", "converged_fraction", "settling_time", "touched", "nearest", "deadlocks", "final_error",
+        "wall_time", "robot_steps_per_second",
+    }  # fmt: skip
     assert set(found["settling_time"]) == {"median", "p95"}
     assert set(found["final_error"]) == {"median", "max"}
     json.dumps(found, allow_nan=False)
-
-
-def test_where_nothing_converged_settling_times_are_null() -> None:
-    found = simulate(SIX, runs=3, horizon=1.0).summary()
-    assert found["converged_fraction"] == 0.0
-    assert found["settling_time"] == {"median": None, "p95": None}
 
 
 def test_a_run_has_to_stay_settled_for_the_dwell_time() -> None:
@@ -210,13 +202,6 @@ def test_error_stays_below_bound_after_settling_time() -> None:
     assert before[-1] >= SIX.settled
     assert after.max() < SIX.settled
     assert result.final_error[0] == after[-1]
-
-
-def test_progress_is_told_and_ends_at_one() -> None:
-    shares: list[float] = []
-    simulate(SIX, horizon=2.0, progress=shares.append)
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -84,13 +84,9 @@ FIELDS: dict[str, Any] = {
 
 
 def of_type(name: str) -> Any:
-    if name in FIELDS:
-        return FIELDS[name]
-    return (
-        requested
-        if "AnsweredRequest" in name
-        else st.dictionaries(robots, st.sampled_from(["ahead", "earlier"]))
-    )
+    if "AnsweredRequest" in name:
+        return requested
+    return FIELDS.get(name, st.dictionaries(robots, st.sampled_from(["ahead", "earlier"])))
 
 
 def of_kind(kind: type[AnyStatus]) -> Any:
@@ -106,6 +102,7 @@ def test_status_survives_the_wire(status: AnyStatus) -> None:
     payload = encode(status_codec.to_message(status, 1e9))
     assert status_codec.read(type(status), payload) == status
     assert status_codec.sentence(status)
+    assert status_codec.from_message(AgentStatus, Diagnostics(1e9, ())) is None
 
 
 @given(st.sampled_from(WatchdogState), robots)
@@ -165,20 +162,12 @@ def test_published_numbers_are_finite(age: float, sent: float) -> None:
     assert Reason.of(Code.PROCESS_FROZEN, duration=age).values == {"duration": sent}
 
 
-def test_message_without_a_status_is_none() -> None:
-    assert status_codec.from_message(AgentStatus, Diagnostics(1e9, ())) is None
-
-
-def test_every_code_has_a_sentence() -> None:
-    assert set(SENTENCES) == set(Code)
-
-
 @given(why)
 def test_sentence_names_every_value(reason: Reason) -> None:
-    result = str(reason)
+    assert set(SENTENCES) == set(Code)
     for value in reason.values.values():
         parts = value if isinstance(value, tuple | dict) else [value] if isinstance(value, str) else []
-        assert all(part in result for part in parts)
+        assert all(part in str(reason) for part in parts)
 
 
 def test_clause_about_an_empty_list_is_left_out() -> None:

@@ -7,7 +7,6 @@ import pytest
 from formation.topics import (
     CMD_VEL,
     ERROR,
-    ODOM,
     ORDER,
     POSITION,
     RELATIVE,
@@ -18,13 +17,6 @@ from formation.topics import (
 )
 
 ROOT = Path(__file__).parents[3]
-
-
-def test_keys_are_those_that_a_ros_2_bridge_uses() -> None:
-    assert ODOM.key("robot2") == "robot2/odom"
-    assert CMD_VEL.key("robot2") == "robot2/cmd_vel"
-    assert RELATIVE.key("robot2", "robot1") == "robot2/relative/robot1"
-    assert ERROR.key() == "formation/error"
 
 
 def test_no_two_topics_share_a_name_or_a_key() -> None:
@@ -57,13 +49,6 @@ def test_only_orders_and_watchdogs_are_queried() -> None:
     assert [topic for topic in TABLE if not topic.types] == [ORDER, WATCHDOG]
 
 
-def test_robot_side_topics_are_listed() -> None:
-    assert {topic.name for topic in TABLE if topic.side == "robot"} == {
-        "odom", "cmd_vel", "scan", "relative", "pose", "amcl_pose", "tf", "alive", "ground_truth", "watchdog",
-    }  # fmt: skip
-    assert command_topic("twist_stamped").side == "robot"
-
-
 def test_every_topic_is_a_row_of_the_table() -> None:
     head, _, *rows = markdown().splitlines()
     assert len(rows) == len(TABLE)
@@ -77,11 +62,8 @@ def test_every_topic_is_a_row_of_the_table() -> None:
 def test_no_key_is_spelled_outside_the_table() -> None:
     words = [topic.pattern.rpartition("/")[2] for topic in TABLE if "{other}" not in topic.pattern]
     spelled = [f"/{word}{quote}" for word in words for quote in "\"'"]
-    sources = [
-        path
-        for room in ("formation", "agent", "leader", "monitor", "deploy")
-        for path in (ROOT / room).rglob("*.py")
-    ]
+    packages = ("formation", "agent", "leader", "monitor", "deploy")
+    sources = [path for package in packages for path in (ROOT / package).rglob("*.py")]
     assert len(sources) > 20
     for path in sources:
         if path.name != "topics.py":

@@ -34,6 +34,14 @@ def follow(track: Track, velocity: complex, period: float, seconds: float) -> Tr
 @given(vectors)
 def test_a_neighbour_seen_once_is_taken_to_stand_still(point: complex) -> None:
     assert carried_to(first_seen(5.0, point), 5.3, 1.0) == point
+    assert arrived(NEVER, 3.0, point, 1.0, TOP) == (3.0, point, 0j)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1e9), st.floats(0.1, 3.0))
+def test_only_a_plausible_delay_is_believed(share: float, off: float, longest: float) -> None:
+    assert believed_delay(share * longest, longest) == pytest.approx(share * longest)
+    assert believed_delay(-off, longest) == 0.0
+    assert believed_delay(2.0 * longest + off, longest) == 0.0
 
 
 @given(vectors, velocities, st.sampled_from([0.01, 0.02, 0.05]))
@@ -58,17 +66,6 @@ def test_a_sample_is_carried_no_further_than_allowed_either_way() -> None:
     assert carried_to(track, 9.0, 0.5) == 1.0
     assert carried_to(track, 0.0, 0.5) == -1.0
     assert carried_to(track, 0.9, 0.5) == pytest.approx(-0.2)
-
-
-@given(st.floats(0.0, 1.0), st.floats(0.1, 3.0))
-def test_plausible_delay_is_believed_unchanged(share: float, longest: float) -> None:
-    assert believed_delay(share * longest, longest) == pytest.approx(share * longest)
-
-
-@given(st.floats(0.0, 1e9), st.floats(0.1, 3.0))
-def test_a_stamp_from_the_future_or_from_long_ago_says_nothing(off: float, longest: float) -> None:
-    assert believed_delay(-off, longest) == 0.0
-    assert believed_delay(2.0 * longest + off, longest) == 0.0
 
 
 @given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.1, 3.0))
@@ -102,29 +99,16 @@ def driving(steps: int, link: Link, track: Track = NEVER) -> Track:
     return track
 
 
-def test_first_sample_assumes_standstill() -> None:
-    assert arrived(NEVER, 3.0, 1j, 1.0, TOP) == (3.0, 1j, 0j)
-
-
-def test_on_a_perfect_link_the_neighbour_is_where_it_is() -> None:
-    link = Link(0.0, LIMIT, LONGEST)
-    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(59 * STEP)
-
-
-@pytest.mark.parametrize("steps", [2, 4, 10])
-def test_late_sample_on_a_link_is_extrapolated(steps: int) -> None:
+@pytest.mark.parametrize(
+    ("steps", "carried_over"), [(0, 0), (2, 2), (4, 4), (10, 10), (12, 8), (16, 4), (20, 0), (30, 0)]
+)
+def test_late_sample_on_a_link_is_extrapolated(steps: int, carried_over: int) -> None:
+    """From 0.5 s on only in part."""
     link = Link(steps * STEP, LIMIT, LONGEST)
     track = driving(60, link)
     assert track.point == pytest.approx((59 - steps) * STEP)
     assert track.velocity == pytest.approx(1.0, abs=1e-6)
-    assert carried(track, 59 * STEP, link) == pytest.approx(59 * STEP, abs=1e-6)
-
-
-@pytest.mark.parametrize(("steps", "carried_over"), [(12, 8), (16, 4), (20, 0), (30, 0)])
-def test_too_old_sample_is_extrapolated_only_in_part(steps: int, carried_over: int) -> None:
-    link = Link(steps * STEP, LIMIT, LONGEST)
-    there = (59 - steps + carried_over) * STEP
-    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(there, abs=1e-6)
+    assert carried(track, 59 * STEP, link) == pytest.approx((59 - steps + carried_over) * STEP, abs=1e-6)
 
 
 def test_no_sample_is_fresh_beyond_the_limit() -> None:

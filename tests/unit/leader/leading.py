@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from formation.leader.core import Leader
+from formation.mission.file import parse
 from formation.mission.model import Mission
 from formation.protocol import order, status_codec
 from formation.protocol.election import LISTENING_TIME
@@ -43,6 +44,7 @@ duration = 6.0
 waypoints = [[4.0, 4.0], [4.5, 4.0]]
 speed = 0.5
 """
+MISSION = parse(CURVED)
 
 
 class Said(NamedTuple):
@@ -52,14 +54,14 @@ class Said(NamedTuple):
     publisher_id: str = ""
 
 
-def listened(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+def listened(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
     """A leader that has listened to nobody, and will lead with its step at `start`."""
     leader = Leader(mission, **how)
     leader.step(at(start - LISTENING_TIME), [])
     return leader
 
 
-def leading(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+def leading(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
     """One that leads already, and has said so once."""
     leader = listened(mission, start, **how)
     leader.step(at(start), [])
@@ -76,15 +78,14 @@ def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
 
 
 def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
-    result = []
-    for i in range(round(seconds / step)):
-        mono = start + i * step
-        result += positions(mono, leader.step(at(mono), []))
-    return result
+    times = [start + i * step for i in range(round(seconds / step))]
+    return [one for mono in times for one in positions(mono, leader.step(at(mono), []))]
 
 
-def ask(leader: Leader, request: bytes, received: float = 0.0) -> OperatorReply:
-    """What it answers; a release or a run names what is in force."""
+def ask(leader: Leader, request: bytes | str, received: float = 0.0) -> OperatorReply:
+    """What it answers to a request, or to one word of it; a release or a run names what is in force."""
+    if isinstance(request, str):
+        request = request.encode() if request[:1] == "{" else f'{{"do":"{request}"}}'.encode()
     with suppress(BadMessage):
         whole = named(order.decode(OperatorRequest, request), lambda data: leader.request(data, received))
         request = order.encode(whole) if whole.ends else request
@@ -104,7 +105,7 @@ def relayed(
     count: int | None = None,
     where: complex = 0j,
     *,
-    of: Mission,
+    of: Mission = MISSION,
     publisher: str = "of",
     **attachment: Any,
 ) -> Outgoing:

@@ -9,23 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.protocol.election import new_term
+from tests.campaigns.timings.elections import SCENARIOS, judged
+from tests.support.examples import slow
 from tests.unit.leader.team import Team, chain
 
 DRIFT = 0.03
 WHAT = (
-    "cut",
-    "split",
-    "heal",
-    "freeze",
-    "thaw",
-    "restart",
-    "stand",
-    "stand",
-    "kill",
-    "clock",
-    "network",
-    "twin",
-)
+    "cut", "split", "heal", "freeze", "thaw", "restart", "stand", "stand", "kill", "clock", "network", "twin",
+)  # fmt: skip
 
 
 def led(followers: int = 3, standbys: int = 2, takeover: float = 1.0, seed: int = 0) -> Team:
@@ -144,3 +135,18 @@ def test_robot_voting_for_leaderless_term_is_won_back() -> None:
     assert [name for name, _ in team.leader_terms] == ["led", "led"]
     assert team.leader_terms[-1][1] > term
     assert team.agreed
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seed"),
+    [
+        *((scenario, 0) for scenario in SCENARIOS),
+        *slow(*((scenario, seed) for scenario in SCENARIOS for seed in range(1, 6))),
+        ("mixed missions", 94),  # robot reverses direction: false hold for contradictory speeds
+        ("wrong clocks", 428),  # robots relay a term half a day ahead: no leader was elected
+    ],
+)
+def test_fault_at_a_random_moment(scenario: str, seed: int) -> None:
+    """A few of the random moments of `tests.campaigns.timings.elections`."""
+    _, why = judged(scenario, seed)
+    assert not why

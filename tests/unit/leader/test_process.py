@@ -25,10 +25,11 @@ from tests.unit.leader.leading import CURVED
 SIX, PATROL = load("six_robots"), load("patrol")
 
 
-class Bus:
-    """Where the leader's answers and words come out."""
+class FakeProcess:
+    """A process whose loop is the test, and its bus."""
 
-    def __init__(self) -> None:
+    def __init__(self, run: Callable[[Any, FakeProcess], None]) -> None:
+        self.bus, self._run, self.clock = self, run, clocks
         self.request: Handler = lambda _, __: b""
         self.sent: list[Outgoing] = []
 
@@ -38,30 +39,23 @@ class Bus:
     def send(self, outbox: list[Outgoing]) -> None:
         self.sent += outbox
 
-
-class FakeProcess:
-    """A process whose loop is the test."""
-
-    def __init__(self, run: Callable[[Any, Bus], None]) -> None:
-        self.bus, self._run, self.clock = Bus(), run, clocks
-
     def declare(self, _: Leader, check: object = None) -> None: ...
 
     def ready(self, *_: str) -> None: ...
 
     def loop(self, core: Any) -> Iterator[float]:
-        self._run(core, self.bus)
+        self._run(core, self)
         yield 0.0
 
 
-def on(leader: Leader, run: Callable[[Any, Bus], None]) -> None:
+def on(leader: Leader, run: Callable[[Any, FakeProcess], None]) -> None:
     list(lead(leader, cast("Process", FakeProcess(run))))
 
 
 def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.MonkeyPatch) -> None:
     leader = Leader(parse(CURVED))
 
-    def frozen(core: Any, bus: Bus) -> None:
+    def frozen(core: Any, bus: FakeProcess) -> None:
         now = clocks()
         for ago in (10.0, 8.0):
             core.step(now._replace(mono=now.mono - ago), ())
@@ -75,17 +69,15 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
 
 
 def test_before_the_first_step_a_question_begins_nothing() -> None:
-    leader = Leader(SIX)
-
-    def requested(_: Any, bus: Bus) -> None:
+    def requested(_: Any, bus: FakeProcess) -> None:
         assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
         assert bus.sent == []
 
-    on(leader, requested)
+    on(Leader(SIX), requested)
 
 
 def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
-    def run(core: Any, bus: Bus) -> None:
+    def run(core: Any, bus: FakeProcess) -> None:
         now = clocks()
         for ago in (2.0, 1.0):
             core.step(now._replace(mono=now.mono - ago), ())
@@ -108,14 +100,11 @@ def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
         (PATROL, None, "leader"),
         (PATROL, "deputy", "deputy"),
         (PATROL, "reserve", "reserve"),
+        (parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]")), "", "cat"),
     ],
 )
 def test_which_candidate_a_process_is(mission: Mission, standby: str | None, name: str) -> None:
     assert _name(mission, standby) == name
-
-
-def test_the_only_standby_needs_no_name() -> None:
-    assert _name(parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]")), "") == "cat"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from formation.leader.route import NamedRoute
 from formation.mission.file import parse
-from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Straight, Waypoints
 from formation.protocol.order import (
     MAX_ATTACHMENT_BYTES,
@@ -50,11 +49,6 @@ legs = st.lists(
     min_size=1,
     max_size=5,
 )
-
-
-@pytest.fixture
-def mission() -> Mission:
-    return parse(CURVED)
 
 
 @given(legs, numbers, numbers, st.floats(-math.pi, math.pi), st.floats(0.0, 300.0))
@@ -97,8 +91,8 @@ def test_invalid_or_misnamed_route_is_refused(result: str) -> None:
         NamedRoute.read(encode_message(Text(result)))
 
 
-def test_speed_request_starts_an_endless_straight(mission: Mission) -> None:
-    leader = listened(mission)
+def test_speed_request_starts_an_endless_straight() -> None:
+    leader = listened()
     before = drive(leader, 0.0, 5.0)[-1]
     reply = ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}')
     assert reply.ok
@@ -112,24 +106,24 @@ def test_speed_request_starts_an_endless_straight(mission: Mission) -> None:
     assert before.order.route == ""
 
 
-def test_newest_route_counts_and_starts_from_leader(mission: Mission) -> None:
-    leader = listened(mission)
+def test_newest_route_counts_and_starts_from_leader() -> None:
+    leader = listened()
     drive(leader, 0.0, 2.0)
     for x in (7.0, 3.0):
         legs = [{"waypoints": [[x, 0.0]], "speed": 0.8}]
-        assert ask(leader, json.dumps({"do": "route", "legs": legs}).encode()).ok
+        assert ask(leader, json.dumps({"do": "route", "legs": legs})).ok
     assert drive(leader, 2.0, 20.0)[-1].pose.position == pytest.approx(3.0, abs=1e-6)
 
 
-def test_zero_speed_stops_leader_while_team_runs(mission: Mission) -> None:
-    leader = leading(mission)
+def test_zero_speed_stops_leader_while_team_runs() -> None:
+    leader = leading()
     assert ask(leader, b'{"do":"speed","speed":0.0,"degrees":0.0}').ok
     result = drive(leader, 0.04, 2.0)
     assert {(one.order.mode, one.pose.position) for one in result[1:]} == {("run", result[1].pose.position)}
 
 
-def test_impossible_route_is_refused_with_legal_values(mission: Mission) -> None:
-    leader = leading(mission)
+def test_impossible_route_is_refused_with_legal_values() -> None:
+    leader = leading()
     reply = ask(leader, b'{"do":"speed","speed":1.0,"degrees":0.0}')
     assert (reply.ok, reply.reason) == (False, "speed = 1 m/s: must be below bob's max_speed of 1 m/s")
     reply = ask(leader, b'{"do":"route","legs":[{"radius":0.05,"speed":0.01}]}')
@@ -137,11 +131,11 @@ def test_impossible_route_is_refused_with_legal_values(mission: Mission) -> None
     assert drive(leader, 0.04, 1.0)[-1].order.route == ""
 
 
-def test_a_route_does_not_start_a_held_team(mission: Mission) -> None:
-    leader = leading(mission, hold=True)
+def test_a_route_does_not_start_a_held_team() -> None:
+    leader = leading(hold=True)
     assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}').mode == "hold"
     assert {one.pose.position for one in drive(leader, 0.04, 2.0)} == {2.0 - 1.0j}
-    assert ask(leader, b'{"do":"run"}').ok
+    assert ask(leader, "run").ok
     assert drive(leader, 2.04, 2.0)[-1].pose.position.imag > -0.1
 
 
@@ -158,7 +152,7 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
     ask(leader, b'{"do":"speed","speed":0.9,"degrees":123.4567}')
     assert ask(leader, b'{"do":"tune","k_p":1.2345678,"k_i":0.0012345678}').ok
     for k, name in enumerate(names[1:]):
-        ask(leader, json.dumps({"do": "shape", "shape": name}).encode())
+        ask(leader, json.dumps({"do": "shape", "shape": name}))
         ask(leader, b'{"do":"scale","factor":1.2345678}')
         ask(leader, b'{"do":"rotate","degrees":-179.99}')
         for result in drive(leader, 500.0 + k, 0.12):

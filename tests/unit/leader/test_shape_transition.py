@@ -5,13 +5,13 @@ from __future__ import annotations
 import cmath
 import math
 from itertools import combinations, pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from formation.control.arrays import ComplexArray, FloatArray
 from formation.leader.shape_transition import (
     MAX_MIXED_SHAPES,
     MIN_SLOT_SPEED_SHARE,
@@ -40,6 +40,8 @@ FOUR = SIX.model_copy(
     }
 )
 PERIOD = 0.05
+TOP = np.array([FOUR.robots[name].max_speed for name in FOUR.followers])
+"""[m/s]"""
 
 wishes = st.builds(
     Wish, st.sampled_from(tuple(FOUR.shapes)), st.floats(-math.pi, math.pi), st.floats(0.3, 3.0)
@@ -50,26 +52,32 @@ stretches = st.lists(
 )
 
 
-def slots(mission: Mission, placed_shape: PlacedShape) -> np.ndarray[Any, np.dtype[np.complex128]]:
+def slots(mission: Mission, placed_shape: PlacedShape) -> ComplexArray:
     return np.array(placed_shape.slots(mission)[1:])
 
 
-def room(mission: Mission, speed: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    top = np.array([mission.robots[name].max_speed for name in mission.followers])
-    return np.maximum(SLOT_SPEED_SHARE * (top - speed), MIN_SLOT_SPEED_SHARE * top)
+def room(speed: float) -> FloatArray:
+    """Speed that each slot may have behind a leader at this speed [m/s]."""
+    return np.maximum(SLOT_SPEED_SHARE * (TOP - speed), MIN_SLOT_SPEED_SHARE * TOP)
 
 
-def want(shape_transition: ShapeTransition, wish: Wish, speed: float = 0.0) -> float:
-    shape_transition.go(wish, shape_transition.plan_path(wish, speed))
-    return shape_transition.remaining
+def want(moving: ShapeTransition, wish: Wish, speed: float = 0.0) -> float:
+    moving.go(wish, moving.plan_path(wish, speed))
+    return moving.remaining
 
 
-def still(shape_transition: ShapeTransition, seconds: float, speed: float = 0.0) -> list[PlacedShape]:
+def still(moving: ShapeTransition, seconds: float, speed: float = 0.0) -> list[PlacedShape]:
     placed_shapes = []
     for _ in range(round(seconds / PERIOD)):
-        shape_transition.advance(PERIOD, 1.0, speed, 1.0 + 0j, 0.0)
-        placed_shapes.append(shape_transition.placed_shape)
+        moving.advance(PERIOD, 1.0, speed, 1.0 + 0j, 0.0)
+        placed_shapes.append(moving.placed_shape)
     return placed_shapes
+
+
+def velocities(placed_shapes: list[PlacedShape]) -> ComplexArray:
+    """Of all slots, from one to the next, beginning at rest in the first shape."""
+    places = [slots(FOUR, one) for one in (PlacedShape.first(FOUR), *placed_shapes)]
+    return np.diff(places, axis=0) / PERIOD
 
 
 @pytest.mark.slow
@@ -79,18 +87,18 @@ def test_slots_never_exceed_speed_of_their_robots(
     stretches: list[tuple[Wish | None, float, float, int]], turning: bool
 ) -> None:
     mission = FOUR.model_copy(update={"turning": turning})
-    shape_transition, heading = ShapeTransition.first(mission), mission.leader_heading
+    moving, heading = ShapeTransition.first(mission), mission.leader_heading
     for wish, speed, turn_rate, steps in stretches:
-        if wish is not None and shape_transition.sayable(shape_transition.plan_path(wish, speed)):
-            want(shape_transition, wish, speed)
+        if wish is not None and moving.sayable(moving.plan_path(wish, speed)):
+            want(moving, wish, speed)
         for _ in range(steps):
             heading *= cmath.rect(1.0, turn_rate * PERIOD)
-            before = slots(mission, shape_transition.placed_shape)
-            shape_transition.advance(PERIOD, 1.0, speed, heading, turn_rate)
-            moved = np.abs(slots(mission, shape_transition.placed_shape) - before) / PERIOD
-            assert np.all(moved <= room(mission, speed) + 1e-9)
-            assert np.all(speed + moved < np.array([mission.robots[n].max_speed for n in mission.followers]))
-            shares = [share for _, share in shape_transition.placed_shape.mix]
+            before = slots(mission, moving.placed_shape)
+            moving.advance(PERIOD, 1.0, speed, heading, turn_rate)
+            moved = np.abs(slots(mission, moving.placed_shape) - before) / PERIOD
+            assert np.all(moved <= room(speed) + 1e-9)
+            assert np.all(speed + moved < TOP)
+            shares = [share for _, share in moving.placed_shape.mix]
             assert sum(shares) == pytest.approx(1.0)
             assert min(shares) >= 0.0
 
@@ -98,38 +106,32 @@ def test_slots_never_exceed_speed_of_their_robots(
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(wishes, st.integers(1, 60)), min_size=1, max_size=5), st.floats(0.0, 1.0))
 def test_shape_transition_ends_exactly_at_last_request(wished: list[tuple[Wish, int]], speed: float) -> None:
-    shape_transition, lasts = ShapeTransition.first(FOUR), 0.0
+    moving, lasts = ShapeTransition.first(FOUR), 0.0
     for wish, steps in wished:
-        lasts = want(shape_transition, wish, speed)
-        still(shape_transition, steps * PERIOD, speed)
+        lasts = want(moving, wish, speed)
+        still(moving, steps * PERIOD, speed)
     # a way that was turned off may need a little longer than was said
-    still(shape_transition, 2.0 * lasts, speed)
-    assert shape_transition.arrived
-    assert slots(FOUR, shape_transition.placed_shape) == pytest.approx(
+    still(moving, 2.0 * lasts, speed)
+    assert moving.arrived
+    assert slots(FOUR, moving.placed_shape) == pytest.approx(
         slots(FOUR, PlacedShape(((wish.shape, 1.0),), wish.rotation, wish.scale)), abs=1e-9
     )
 
 
 def test_it_starts_and_ends_gently() -> None:
-    shape_transition = ShapeTransition.first(FOUR)
-    lasts = want(shape_transition, Wish("line"), 0.2)
-    placed_shapes = [PlacedShape.first(FOUR), *still(shape_transition, lasts + 0.5, 0.2)]
-    velocity = np.diff([slots(FOUR, placed_shape) for placed_shape in placed_shapes], axis=0) / PERIOD
-    acceleration = np.abs(np.diff(velocity, axis=0)) / PERIOD
+    moving = ShapeTransition.first(FOUR)
+    velocity = velocities(still(moving, want(moving, Wish("line"), 0.2) + 0.5, 0.2))
     assert np.all(np.abs(velocity[0]) < 0.05)
     assert np.all(np.abs(velocity[-1]) == 0.0)
-    assert np.all(acceleration < 1.01 * room(FOUR, 0.2) / SMOOTHING_TIME)
+    assert np.all(np.abs(np.diff(velocity, axis=0)) / PERIOD < 1.01 * room(0.2) / SMOOTHING_TIME)
 
 
 def test_new_request_during_transition_keeps_velocity_continuous() -> None:
-    shape_transition = ShapeTransition.first(FOUR)
-    placed_shapes = [PlacedShape.first(FOUR)]
+    moving, placed_shapes = ShapeTransition.first(FOUR), []
     for wish in (Wish("line"), Wish("wedge", 1.0), Wish("abreast", 0.0, 2.0), Wish("hexagon")):
-        lasts = want(shape_transition, wish)
-        placed_shapes += still(shape_transition, 0.6 * lasts)
-    velocity = np.diff([slots(FOUR, placed_shape) for placed_shape in placed_shapes], axis=0) / PERIOD
-    jumps = np.abs(np.diff(velocity, axis=0))
-    assert np.all(jumps < 2.5 * room(FOUR, 0.0) / SMOOTHING_TIME * PERIOD)
+        placed_shapes += still(moving, 0.6 * want(moving, wish))
+    jumps = np.abs(np.diff(velocities(placed_shapes), axis=0))
+    assert np.all(jumps < 2.5 * room(0.0) / SMOOTHING_TIME * PERIOD)
 
 
 def test_fast_leader_slows_shape_transition_without_stopping_it() -> None:
@@ -142,82 +144,74 @@ def test_fast_leader_slows_shape_transition_without_stopping_it() -> None:
 
 
 def test_a_leader_that_speeds_up_meanwhile_slows_the_change() -> None:
-    shape_transition = ShapeTransition.first(FOUR)
-    lasts = want(shape_transition, Wish("line"), 0.2)
-    still(shape_transition, 1.5, 0.2)
-    still(shape_transition, lasts, 1.4)
-    assert not shape_transition.arrived
-    still(shape_transition, 3.0 * lasts, 0.2)
-    assert shape_transition.arrived
+    moving = ShapeTransition.first(FOUR)
+    lasts = want(moving, Wish("line"), 0.2)
+    still(moving, 1.5, 0.2)
+    still(moving, lasts, 1.4)
+    assert not moving.arrived
+    still(moving, 3.0 * lasts, 0.2)
+    assert moving.arrived
 
 
 def test_half_turns_go_the_shorter_way_round() -> None:
-    shape_transition = ShapeTransition.first(FOUR)
-    want(shape_transition, Wish("hexagon", math.radians(170.0)))
-    still(shape_transition, 60.0)
-    want(shape_transition, Wish("hexagon", math.radians(-170.0)))
-    turned = [math.degrees(placed_shape.rotation) % 360.0 for placed_shape in still(shape_transition, 60.0)]
+    moving = ShapeTransition.first(FOUR)
+    want(moving, Wish("hexagon", math.radians(170.0)))
+    still(moving, 60.0)
+    want(moving, Wish("hexagon", math.radians(-170.0)))
+    turned = [math.degrees(one.rotation) % 360.0 for one in still(moving, 60.0)]
     assert all(169.9 < degrees < 190.1 for degrees in turned)
     assert turned[-1] == pytest.approx(190.0)
 
 
 def test_while_it_rests_nothing_moves_and_it_begins_again_gently() -> None:
-    shape_transition = ShapeTransition.first(FOUR)
-    want(shape_transition, Wish("line"))
-    still(shape_transition, 2.0)
-    shape_transition.rest()
-    before = slots(FOUR, shape_transition.placed_shape)
-    (placed_shape,) = still(shape_transition, PERIOD)
+    moving = ShapeTransition.first(FOUR)
+    want(moving, Wish("line"))
+    still(moving, 2.0)
+    moving.rest()
+    before = slots(FOUR, moving.placed_shape)
+    (placed_shape,) = still(moving, PERIOD)
     assert np.all(np.abs(slots(FOUR, placed_shape) - before) < 0.05 * PERIOD)
 
 
 def test_at_most_eight_shapes_are_ever_mixed() -> None:
-    many = SIX.model_copy(
-        update={
-            "shapes": {
-                f"shape{k}": {name: (-1.0 * j, 0.3 * k) for j, name in enumerate(SIX.followers, 1)}
-                for k in range(12)
-            }
-        }
-    )
-    shape_transition, refused = ShapeTransition.first(many), 0
+    shapes = {
+        f"shape{k}": {name: (-1.0 * j, 0.3 * k) for j, name in enumerate(SIX.followers, 1)} for k in range(12)
+    }
+    moving, refused = ShapeTransition.first(SIX.model_copy(update={"shapes": shapes})), 0
     for k in range(1, 12):
-        wish = Wish(f"shape{k}")
-        path = shape_transition.plan_path(wish, 0.0)
-        if not shape_transition.sayable(path):
+        path = moving.plan_path(Wish(f"shape{k}"), 0.0)
+        if not moving.sayable(path):
             refused += 1
             continue
-        shape_transition.go(wish, path)
-        assert all(len(placed_shape.mix) <= MAX_MIXED_SHAPES for placed_shape in still(shape_transition, 0.1))
+        moving.go(Wish(f"shape{k}"), path)
+        assert all(len(one.mix) <= MAX_MIXED_SHAPES for one in still(moving, 0.1))
     assert refused
-    still(shape_transition, 30.0)
-    assert shape_transition.arrived
-    assert shape_transition.sayable(shape_transition.plan_path(Wish("shape11"), 0.0))
+    still(moving, 30.0)
+    assert moving.arrived
+    assert moving.sayable(moving.plan_path(Wish("shape11"), 0.0))
 
 
 def test_turning_shape_follows_leader_through_corner_and_circle() -> None:
     mission = FOUR.model_copy(update={"turning": True})
-    shape_transition, heading = ShapeTransition.first(mission), mission.leader_heading
-    heading *= 1j  # a corner
-    lags = []
-    for _ in range(400):
-        shape_transition.advance(PERIOD, 1.0, 0.2, heading, 0.0)
-        lags.append(cmath.phase(heading * cmath.rect(1.0, -shape_transition.placed_shape.rotation)))
+    moving, heading = ShapeTransition.first(mission), 1j * mission.leader_heading  # a corner
+
+    def follow(turn_rate: float) -> list[float]:
+        nonlocal heading
+        lags = []
+        for _ in range(400):
+            heading *= cmath.rect(1.0, turn_rate * PERIOD)
+            moving.advance(PERIOD, 1.0, 0.2, heading, turn_rate)
+            lags.append(cmath.phase(heading * cmath.rect(1.0, -moving.placed_shape.rotation)))
+        return lags
+
+    lags = follow(0.0)
     assert lags[0] > 1.5
     assert all(after <= before + 1e-9 for before, after in pairwise(lags))
     assert min(lags) > -0.01  # it does not swing over
     assert abs(lags[-1]) < 1e-3
-    for _ in range(400):
-        heading *= cmath.rect(1.0, 0.1 * PERIOD)
-        shape_transition.advance(PERIOD, 1.0, 0.2, heading, 0.1)
-    assert cmath.phase(heading * cmath.rect(1.0, -shape_transition.placed_shape.rotation)) == pytest.approx(
-        0.0, abs=1e-3
-    )
-    want(shape_transition, Wish("hexagon", math.pi / 2.0), 0.2)
-    for _ in range(400):
-        shape_transition.advance(PERIOD, 1.0, 0.2, heading, 0.0)
-    turned = cmath.phase(heading * cmath.rect(1.0, -shape_transition.placed_shape.rotation))
-    assert turned == pytest.approx(-math.pi / 2.0, abs=1e-3)
+    assert follow(0.1)[-1] == pytest.approx(0.0, abs=1e-3)
+    want(moving, Wish("hexagon", math.pi / 2.0), 0.2)
+    assert follow(0.0)[-1] == pytest.approx(-math.pi / 2.0, abs=1e-3)
 
 
 ABREAST = {

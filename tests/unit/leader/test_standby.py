@@ -52,16 +52,16 @@ def test_every_candidate_takes_what_changes_motion_and_only_the_leader_more(stoo
     reply = ask(standby, b'{"do":"shape","shape":"near"}')
     assert (reply.ok, reply.leads, reply.reason) == (False, False, "stands by; ann leads")
     for do, mode in (("run", "run"), ("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", "run")):
-        reply = ask(standby, f'{{"do":"{do}"}}'.encode())
+        reply = ask(standby, do)
         assert (reply.robot, reply.ok, reply.leads, reply.mode) == ("cat", True, False, mode)
 
 
 def test_a_candidate_that_has_just_started_takes_stop_and_hold_only(stood: Mission) -> None:
     leader = Leader(stood)
     leader.step(at(0.0), [])
-    assert ask(leader, b'{"do":"run"}').reason == "has just started: ask again in a second"
-    assert ask(leader, b'{"do":"hold"}').ok
-    assert ask(leader, b'{"do":"stop"}').ok
+    assert ask(leader, "run").reason == "has just started: ask again in a second"
+    assert ask(leader, "hold").ok
+    assert ask(leader, "stop").ok
 
 
 @pytest.mark.parametrize(("mine", "others"), [("hold", "run"), ("run", "hold")])
@@ -70,27 +70,27 @@ def test_leader_that_lost_its_lease_keeps_any_hold(
 ) -> None:
     leader = Leader(stood)
     mono, _ = elected(leader, 0.0)
-    assert ask(leader, f'{{"do":"{mine}"}}'.encode()).ok
+    assert ask(leader, mine).ok
     for k in range(1, 60):
         leader.step(at(mono + k / 50), [])
     assert not leader.leads
     said = Order(term=leader.term + 1, beat=9, mode=others, shape="line", base_mode=others, time=1.0)
     elected(leader, mono + 5.0, said)
     assert leader.mode == "hold"
-    assert ask(leader, b'{"do":"run"}').mode == "run"
+    assert ask(leader, "run").mode == "run"
 
 
 def test_a_standby_that_was_stopped_leads_a_team_that_is_stopped(stood: Mission) -> None:
     standby = Leader(stood, "cat")
     standby.step(at(0.0), [])
-    ask(standby, b'{"do":"stop"}')
+    ask(standby, "stop")
     newest = Order(term=TERM, beat=9, mode="run", shape="line", time=3.0)
     mono, outbox = elected(standby, 1.0, newest)
     (result,) = positions(mono, outbox)
     assert result.order.mode == "stop"
     assert (result.order.base_mode, result.order.time) == ("run", 3.0)
-    assert ask(standby, b'{"do":"release"}').mode == "hold"
-    assert ask(standby, b'{"do":"run"}').mode == "run"
+    assert ask(standby, "release").mode == "hold"
+    assert ask(standby, "run").mode == "run"
 
 
 def test_leading_standby_has_its_own_publisher_id(stood: Mission) -> None:
