@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation.mission.file import load
+from formation.mission.model import Mission
 from formation.stability.landmarks import warnings
 from tests.support.missions import with_robots
 from tests.support.seeing import hexagon
@@ -12,17 +13,14 @@ from tests.support.seeing import hexagon
 SEES = {"measurement": "scan", "scanner": "required"}
 
 
-def test_one_robot_may_go_by_its_odometry() -> None:
-    assert list(warnings(hexagon())) == []
+@pytest.mark.parametrize("mission", [hexagon(), load("posts")], ids=["one by odometry", "without sight"])
+def test_missions_that_need_no_landmark_have_no_warning(mission: Mission) -> None:
+    assert list(warnings(mission)) == []
 
 
 def test_several_robots_without_landmark_drift_apart() -> None:
     (warning,) = warnings(with_robots("posts", **SEES))
     assert warning.startswith("robot1, robot2: have no neighbour that is nearer to the leader")
-
-
-def test_missions_without_sight_have_no_warning() -> None:
-    assert list(warnings(load("posts"))) == []
 
 
 def test_landmark_out_of_range_is_named() -> None:

@@ -26,21 +26,15 @@ FIELDS = (
     "range_min",
     "range_max",
 )
+LDS_01 = dict(zip(FIELDS, (0.0, 2.0 * math.pi, DEGREE, 0.2 / 360, 0.0, 0.12, 3.5), strict=True))
 
 
 def as_sent(little_endian: bool = True, **fields: Any) -> bytes:
     """What a driver sends that fills the fields as an LDS-01's does, but for `fields`."""
-    lds = (0.0, 2.0 * math.pi, DEGREE, 0.2 / 360, 0.0, 0.12, 3.5)
-    numbers = {**dict(zip(FIELDS, lds, strict=True)), **{k: v for k, v in fields.items() if k in FIELDS}}
-    ranges = np.array(fields.get("ranges", [1.0] * 360), np.float32)
-    intensities = np.array(fields.get("intensities", [50.0] * len(ranges)), np.float32)
-    raw = by_rosbags.make(
-        LaserScan.ROS_TYPE,
-        by_rosbags.header(NOW, "base_scan"),
-        *(numbers[name] for name in FIELDS),
-        ranges,
-        intensities,
-    )
+    ranges = np.array(fields.pop("ranges", [1.0] * 360), np.float32)
+    intensities = np.array(fields.pop("intensities", [50.0] * len(ranges)), np.float32)
+    header, numbers = by_rosbags.header(NOW, "base_scan"), (LDS_01 | fields).values()
+    raw = by_rosbags.make(LaserScan.ROS_TYPE, header, *numbers, ranges, intensities)
     return bytes(by_rosbags.STORE.serialize_cdr(raw, LaserScan.ROS_TYPE, little_endian=little_endian))
 
 
