@@ -136,9 +136,7 @@ def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) ->
 
 
 @given(vectors, st.lists(st.tuples(headings, st.floats(0.0, 3.0)), min_size=1, max_size=6), seeds)
-def test_nothing_within_all_bounds_is_nearer(
-    wanted: complex, drawn: list[tuple[complex, float]], seed: int
-) -> None:
+def test_no_allowed_point_is_nearer(wanted: complex, drawn: list[tuple[complex, float]], seed: int) -> None:
     bounds = [HalfPlane(normal.real, normal.imag, most) for normal, most in drawn]
 
     def beyond(point: complex) -> float:
@@ -169,9 +167,7 @@ def test_surrounded_robot_approaches_no_obstacle() -> None:
 
 
 @given(headings, st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
-def test_cosine_stays_within_computed_bounds(
-    towards: complex, turn: float, doubt: float, part: float, wrong: float
-) -> None:
+def test_cosine_is_in_bounds(towards: complex, turn: float, doubt: float, part: float, wrong: float) -> None:
     least, greatest = facing(towards, turn, doubt)
     cosine = (towards * rotation(wrong * doubt - part * turn)).real
     assert least - 1e-9 <= cosine <= greatest + 1e-9

@@ -92,9 +92,7 @@ def by_python(monkeypatch: pytest.MonkeyPatch, mission: Mission = SIX, **more: A
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", AVOIDING.values(), ids=AVOIDING)
 @pytest.mark.parametrize("options", [Options(), HARD, Options(measurement="local")])
-def test_without_a_compiler_the_same_comes_out(
-    options: Options, mission: Mission, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_python_gives_the_same(options: Options, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = simulate(mission, runs=2, step=0.02, options=options, horizon=2.0)
     slow = by_python(monkeypatch, mission, options=options, horizon=2.0)
     assert slow.nearest == pytest.approx(quick.nearest, rel=1e-6, abs=1e-9)
@@ -124,9 +122,7 @@ def test_any_law_can_be_simulated() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("law", "mission"), [(mad, SIX), (lost, SIX), (lost, STEPPED)])
-def test_diverging_run_ends_with_and_without_compiler(
-    law: Any, mission: Mission, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_diverging_run_ends(law: Any, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     controller = LAWS["field"]._replace(name=law.__name__, step=law)
     quick = simulate(mission, runs=2, step=0.02, law=controller, horizon=1.0)
     with np.errstate(all="ignore"):

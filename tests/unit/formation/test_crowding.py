@@ -144,9 +144,7 @@ segments = st.builds(Segment, vectors, vectors)
 
 
 @given(segments, segments, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_no_two_points_of_two_ways_are_nearer_than_the_ways(
-    one: Segment, other: Segment, here: float, there: float
-) -> None:
+def test_no_points_of_two_ways_are_nearer(one: Segment, other: Segment, here: float, there: float) -> None:
     first = one.begin + here * (one.end - one.begin)
     second = other.begin + there * (other.end - other.begin)
     assert between(one, other) <= abs(first - second) + 1e-9

@@ -40,9 +40,7 @@ def test_sparse_sums_of_a_stack_are_the_laplacian_times_its_points(graph: Graph,
 
 
 @given(graphs(), vectors, headings, st.data())
-def test_the_formation_error_does_not_change_when_all_move_as_one(
-    graph: Graph, away: complex, turn: complex, data: st.DataObject
-) -> None:
+def test_moving_as_one_is_no_error(graph: Graph, away: complex, turn: complex, data: st.DataObject) -> None:
     edges, points, slots = Edges(graph), shape(data, graph), shape(data, graph)
     error = formation_error(edges, points, slots)
     assert formation_error(edges, points + away, slots) == pytest.approx(error)
@@ -60,9 +58,7 @@ def test_depth_counts_the_hops_to_the_leader(graph: Graph) -> None:
 
 
 @given(graphs(), st.data())
-def test_with_a_spanning_tree_the_eigenvalues_have_positive_real_parts(
-    graph: Graph, data: st.DataObject
-) -> None:
+def test_eigenvalues_are_positive_with_a_spanning_tree(graph: Graph, data: st.DataObject) -> None:
     assert np.linalg.eigvals(Edges(graph).follower_laplacian()).real.min() > 0.0
     cut_off = data.draw(st.integers(1, graph.size - 1))
     lost = Graph(tuple(() if i == cut_off else js for i, js in enumerate(graph.neighbours)))

@@ -41,9 +41,7 @@ def test_the_error_turns_with_the_robot_and_falls_by_the_distance_travelled(
 
 
 @given(headings, vectors, turns, gains)
-def test_at_rest_noise_teaches_nothing_and_turning_is_followed(
-    heading: complex, estimate: complex, turn: float, gain: float
-) -> None:
+def test_at_rest_noise_teaches_nothing(heading: complex, estimate: complex, turn: float, gain: float) -> None:
     noisy = along(heading, 0.0, turn)[0]._replace(displacement=0.01 + 0.02j)
     assert innovation(estimate, noisy, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
 

@@ -17,16 +17,15 @@ from tests.unit.formation.examples import NOW
 
 DEGREE = math.radians(1.0)
 SCAN = LaserScan(NOW, 0.0, DEGREE, 0.12, 3.5, (1.0,) * 360, scan_time=0.2)
-FIELDS = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
-LDS_01 = dict(zip(FIELDS, (0.0, 2.0 * math.pi, DEGREE, 0.2 / 360, 0.0, 0.12, 3.5), strict=True))
+LDS_01 = {
+    "angle_min": 0.0,
+    "angle_max": 2.0 * math.pi,
+    "angle_increment": DEGREE,
+    "time_increment": 0.2 / 360,
+    "scan_time": 0.0,
+    "range_min": 0.12,
+    "range_max": 3.5,
+}
 
 
 def as_sent(little_endian: bool = True, **fields: Any) -> bytes:
@@ -64,7 +63,7 @@ def test_beams_that_say_nothing_make_no_bad_scan() -> None:
 @pytest.mark.parametrize(
     ("field", "number", "reason"),
     [
-        *[(field, number, "") for field in FIELDS for number in (math.nan, math.inf, -math.inf)],
+        *[(field, number, "") for field in LDS_01 for number in (math.nan, math.inf, -math.inf)],
         ("angle_increment", 0.0, "angle increment is 0"),
         ("angle_increment", 1e-6, "angle increment"),
         ("angle_increment", 2 * DEGREE, "one full turn"),

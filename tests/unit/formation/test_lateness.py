@@ -80,9 +80,7 @@ def test_later_term_begins_anew() -> None:
 @pytest.mark.parametrize(
     ("neighbours", "k_p", "k_i", "limit"), [(2, 2.0, 1.0, 0.18), (1, 2.0, 1.0, 0.324), (4, 10.0, 0.0, 0.1)]
 )
-def test_own_age_limit_is_half_the_delay_margin(
-    neighbours: int, k_p: float, k_i: float, limit: float
-) -> None:
+def test_own_age_limit_is_half_the_margin(neighbours: int, k_p: float, k_i: float, limit: float) -> None:
     assert own_age_limit(neighbours, k_p, k_i, 20.0, 0.5) == pytest.approx(limit, abs=0.005)
 
 

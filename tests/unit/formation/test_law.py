@@ -30,7 +30,7 @@ def sums(edges: Edges, velocity: complex = 0j) -> Measured:
 
 
 @given(EDGES, vectors, vectors, parameters, limits, st.floats(0.001, 0.1))
-def test_the_paper_law_is_the_paper_to_the_letter(
+def test_paper_law_is_the_paper(
     edges: Edges, integral: complex, estimate: complex, law: Gains, body: Limits, dt: float
 ) -> None:
     measured, desired = ([pair(edge[k]) for edge in edges] for k in (0, 1))
@@ -43,7 +43,7 @@ def test_the_paper_law_is_the_paper_to_the_letter(
 
 
 @given(EDGES, vectors, headings, parameters, limits)
-def test_commands_are_within_their_limits(
+def test_commands_are_within_limits(
     edges: Edges, integral: complex, heading: complex, law: Gains, body: Limits
 ) -> None:
     for each in STEPS.values():
@@ -104,9 +104,7 @@ def test_slot_slower_than_sideways_speed_comes_nearer(
 
 
 @given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, st.floats(0.5, 12.0), BODIES)
-def test_wanted_velocity_is_within_top_speed(
-    away: complex, velocity: complex, gain: float, body: Limits
-) -> None:
+def test_wanted_velocity_is_possible(away: complex, velocity: complex, gain: float, body: Limits) -> None:
     towards, closing = away / abs(away), stoppable(abs(away), gain, away / abs(away), body)
     closing = intercepting(towards, velocity, closing, body)
     assert closing >= 0.0
@@ -114,9 +112,7 @@ def test_wanted_velocity_is_within_top_speed(
 
 
 @given(vectors.filter(lambda e: abs(e) > 1e-3), headings, st.floats(1.01, 10.0), BODIES)
-def test_wanted_velocity_stays_in_the_cone(
-    away: complex, direction: complex, excess: float, body: Limits
-) -> None:
+def test_wanted_velocity_is_in_cone(away: complex, direction: complex, excess: float, body: Limits) -> None:
     towards, sideways = away / abs(away), CONE_SHARE * body.offset * body.max_turn_rate
     velocity = excess * sideways * direction
     wanted = velocity + turning(towards, velocity, 1e3, body) * towards
