@@ -38,17 +38,9 @@ PARAMETERS = AvoidanceParameters(0.1, 0.02, 0.15)
 seeds = st.integers(0, 2**32)
 doubts = st.floats(0.0, 4.0)
 commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+near = vectors.map(lambda at: 0.2 * at)
 obstacles = st.lists(
-    st.builds(
-        Obstacle,
-        vectors.map(lambda at: 0.2 * at),
-        st.floats(0.05, 0.3),
-        vectors,
-        st.booleans(),
-        st.booleans(),
-        doubts,
-    ),
-    max_size=5,
+    st.builds(Obstacle, near, st.floats(0.05, 0.3), vectors, st.booleans(), st.booleans(), doubts), max_size=5
 )
 
 
@@ -68,15 +60,9 @@ class Crowd:
     def commands(self, dt: float) -> list[Command]:
         result = []
         for i, (here, heading) in enumerate(self.poses):
-            believed = heading * rotation(self.draw.uniform(-self.doubt, self.doubt))
+            turn = (heading * rotation(self.draw.uniform(-self.doubt, self.doubt))).conjugate()
             around = [
-                Obstacle(
-                    believed.conjugate() * (at - here),
-                    0.1,
-                    complex(self.draw.uniform(-1, 1)),
-                    first=j < i,
-                    doubt=self.doubt,
-                )
+                Obstacle(turn * (at - here), 0.1, complex(self.draw.uniform(-1, 1)), j < i, doubt=self.doubt)
                 for j, (at, _) in enumerate(self.poses)
                 if j != i
             ]
