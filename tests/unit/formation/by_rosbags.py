@@ -87,11 +87,7 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
         header(m.stamp, m.frame),
         m.angle_min,
         m.angle_min + m.angle_increment * (len(m.ranges) - 1),
-        m.angle_increment,
-        m.time_increment,
-        m.scan_time,
-        m.range_min,
-        m.range_max,
+        *attrgetter("angle_increment", "time_increment", "scan_time", "range_min", "range_max")(m),
         np.array(m.ranges, np.float32),
         np.array([], np.float32),
     ),
@@ -128,6 +124,11 @@ def _text(raw: str) -> str:
     if not raw.isprintable():
         raise BadMessage("text")
     return raw
+
+
+def _headed(raw: Any, *values: Any) -> tuple[Any, ...]:
+    """Values between the stamp and the frame of a header."""
+    return _stamp(raw.header.stamp), *values, _text(raw.header.frame_id)
 
 
 def _point(raw: Any) -> complex:
@@ -188,21 +189,15 @@ def _number(raw: Any) -> float:
 
 READ: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
     Odometry: lambda raw: (
-        _stamp(raw.header.stamp),
-        *_pose(raw.pose.pose),
-        *_twist(raw.twist.twist),
-        _text(raw.header.frame_id),
+        *_headed(raw, *_pose(raw.pose.pose), *_twist(raw.twist.twist)),
         _text(raw.child_frame_id),
     ),
     Twist: _twist,
-    TwistStamped: lambda raw: (_stamp(raw.header.stamp), *_twist(raw.twist), _text(raw.header.frame_id)),
-    Pose: lambda raw: (_stamp(raw.header.stamp), *_pose(raw.pose), _text(raw.header.frame_id)),
-    Displacement: lambda raw: (_stamp(raw.header.stamp), _point(raw.point), _text(raw.header.frame_id)),
+    TwistStamped: lambda raw: _headed(raw, *_twist(raw.twist)),
+    Pose: lambda raw: _headed(raw, *_pose(raw.pose)),
+    Displacement: lambda raw: _headed(raw, _point(raw.point)),
     Number: lambda raw: (_number(raw),),
-    Diagnostics: lambda raw: (
-        (_stamp(raw.header.stamp), _text(raw.header.frame_id))[0],
-        tuple(map(_status, raw.status)),
-    ),
+    Diagnostics: lambda raw: (_headed(raw)[0], tuple(map(_status, raw.status))),
     LogEntry: lambda raw: (
         _stamp(raw.stamp),
         _level(raw.level, (10, 20, 30, 40, 50)),

@@ -20,6 +20,7 @@ TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi /
 TWO_AHEAD = ((), (0,), (0, 1), (1, 2), (2, 3), (3, 4))
 """Six robots, each measuring the two before it."""
 STRAIGHT_ON = {"speed": 0.2, "heading_deg": 30.0}
+SHORT_OFFSET = {"control_point_offset": 0.05, "max_turn_rate": 2.84}
 IDEAL = Options(body=Body(), avoid=False)
 """Bodies as certificates assume them, without collision filter."""
 
@@ -35,20 +36,16 @@ def build(
     They are points that do at once what they are told, as in theory: without collision filter and without
     ramp, unless `tables` say otherwise.
     """
-    names = [f"robot{number + 1}" for number in range(len(slots))]
+    places = {f"robot{number}": slot for number, slot in enumerate(slots.tolist(), start=1)}
+    names = list(places)
     return Mission.model_validate(
         {
             "name": "scenario",
             "leader": names[0],
-            "shapes": {
-                "shape": {
-                    name: [slot.real, slot.imag]
-                    for name, slot in zip(names[1:], slots[1:].tolist(), strict=True)
-                }
-            },
+            "shapes": {"shape": {name: [places[name].real, places[name].imag] for name in names[1:]}},
             "robots": {
                 name: {"neighbours": [names[j] for j in js], "start": {"x": slot.real, "y": slot.imag}}
-                for name, slot, js in zip(names, slots.tolist(), neighbours, strict=True)
+                for (name, slot), js in zip(places.items(), neighbours, strict=True)
             },
             "route": [route or STRAIGHT_ON],
             "collisions": {"mode": "off"},
@@ -157,17 +154,13 @@ def long_chain(followers: int, **law: Any) -> Mission:
 def circling_chain(**law: Any) -> Mission:
     """Eleven in a chain behind a leader on a circle of 1 m at 0.1 m/s; all start in their slots."""
     circle = {"radius": 1.0, "speed": 0.1, "heading_deg": 90.0}
-    return chain(
-        11, circle, {"control_point_offset": 0.05, "max_turn_rate": 2.84}, 0.0, **{"k_i": 0.2, **law}
-    )
+    return chain(11, circle, SHORT_OFFSET, 0.0, **{"k_i": 0.2, **law})
 
 
 def straight_chain(**law: Any) -> Mission:
     """The same behind a straight leader at 0.1 m/s."""
     straight = {"speed": 0.1, "heading_deg": 0.0}
-    return chain(
-        11, straight, {"control_point_offset": 0.05, "max_turn_rate": 2.84}, 0.0, **{"k_i": 0.2, **law}
-    )
+    return chain(11, straight, SHORT_OFFSET, 0.0, **{"k_i": 0.2, **law})
 
 
 def ring(followers: int, **law: Any) -> Mission:

@@ -12,8 +12,10 @@ from formation.mission.graph import Graph, cyclic_core
 from formation.mission.model import Mission
 from formation.simulation.edges import Edges
 from formation.simulation.simulate import simulate
-from formation.stability import feasibility, spectrum
+from formation.stability import feasibility, landmarks, spectrum
 from formation.stability.analysis import analyse
+from tests.support.missions import with_robots
+from tests.support.seeing import hexagon
 from tests.unit.formation import scenarios
 
 KEYS = {
@@ -52,23 +54,14 @@ def test_closed_form_stability_matches_eigenvalues_on_random_graphs() -> None:
     assert 20 < sum(verdicts) < 180  # both verdicts were put to the test
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("paper_law_not_simulated")
 def test_ring_of_twelve_is_unstable_and_ten_stable() -> None:
     twelve, ten = (analyse(scenarios.ring(size), law="paper") for size in (12, 10))
-    assert not twelve.stable
-    assert twelve.slowest_mode == pytest.approx(0.032, abs=1e-3)
-    assert "k_i must be below" in twelve.problems[0]
-    assert not twelve.ok
-    assert ten.stable
-    assert ten.ok
-    assert ten.slowest_mode == pytest.approx(-0.070, abs=1e-3)
-
-
-@pytest.mark.usefixtures("paper_law_not_simulated")
-def test_the_largest_integral_gain_that_a_problem_names_is_the_largest() -> None:
-    mission = scenarios.ring(12).under("paper")
-    bound = float(analyse(mission).problems[0].split("below ")[1].split()[0])
-    mu = spectrum.laplacian(mission.graph)
+    assert (twelve.stable, twelve.ok, ten.stable, ten.ok) == (False, False, True, True)
+    assert (twelve.slowest_mode, ten.slowest_mode) == pytest.approx((0.032, -0.070), abs=1e-3)
+    # the largest integral gain that the problem names is the largest
+    bound = float(twelve.problems[0].split("k_i must be below ")[1].split()[0])
+    mu = spectrum.laplacian(scenarios.ring(12).graph)
     assert spectrum.stable(mu, 2.0, 0.99 * bound)
     assert not spectrum.stable(mu, 2.0, 1.01 * bound)
 
@@ -122,10 +115,6 @@ def test_loop_oscillates_only_beyond_delay_margin(mission: Mission) -> None:
     assert oscillates(mission.graph, 2.0, 0.5, 1.1 * margin)
 
 
-def test_an_unstable_loop_has_no_delay_margin() -> None:
-    assert spectrum.delay_margin(spectrum.laplacian(scenarios.ring(12).graph), 2.0, 1.0) == 0.0
-
-
 def test_amplification_grows_from_first_hop_to_tenth() -> None:
     peaks = spectrum.amplification(scenarios.long_chain(10).graph, 2.0, 1.0, None)
     assert peaks[0] == pytest.approx(0.5, rel=1e-3)
@@ -135,9 +124,8 @@ def test_amplification_grows_from_first_hop_to_tenth() -> None:
 
 def test_feed_forward_leaves_little_to_amplify() -> None:
     graph = scenarios.six().graph
-    without = spectrum.amplification(graph, 2.0, 1.0, None)
-    with_it = spectrum.amplification(graph, 2.0, 1.0, 0.1)
-    assert with_it.max() < 0.25 * without.max()
+    without, fed = (spectrum.amplification(graph, 2.0, 1.0, share) for share in (None, 0.1))
+    assert fed.max() < 0.25 * without.max()
 
 
 def test_both_ways_to_solve_for_the_amplification_agree() -> None:
@@ -196,9 +184,8 @@ def changed(mission: Mission, **tables: Any) -> Mission:
     data = mission.model_dump(exclude_none=True)
     for robot in data["robots"].values():
         robot.update(tables.get("robot", {}))
-    for key, table in tables.items():
-        if key != "robot":
-            data[key] = {**data[key], **table} if isinstance(table, dict) else table
+    for key in tables.keys() - {"robot"}:
+        data[key] = data[key] | tables[key] if isinstance(tables[key], dict) else tables[key]
     return Mission.model_validate(data)
 
 
@@ -283,3 +270,36 @@ def test_robots_without_path_to_the_leader_are_explained() -> None:
         "c": "its neighbours lead only to b",
         "d": "it measures no robot",
     }
+
+
+SEES = {"measurement": "scan", "scanner": "required"}
+
+
+@pytest.mark.parametrize("mission", [hexagon(), load("posts")], ids=["one by odometry", "without sight"])
+def test_missions_that_need_no_landmark_have_no_warning(mission: Mission) -> None:
+    assert list(landmarks.warnings(mission)) == []
+
+
+def test_several_robots_without_landmark_drift_apart() -> None:
+    (warning,) = landmarks.warnings(with_robots("posts", **SEES))
+    assert warning.startswith("robot1, robot2: have no neighbour that is nearer to the leader")
+
+
+def test_landmark_out_of_range_is_named() -> None:
+    mission = with_robots("six_robots", **SEES)
+    near = mission.simulated_scanner.model_copy(update={"range_max": 0.9})
+    found = list(landmarks.warnings(mission.changed(simulated_scanner=near)))
+    assert found[0] == (
+        "robot3: in shape hexagon its nearest neighbour to be seen is 1.00 m away;"
+        " the simulated scanner measures 0.9 m"
+    )
+
+
+@pytest.mark.parametrize("name", ["posts", "six_robots"])
+def test_landmarks_never_lead_in_a_circle(name: str) -> None:
+    mission = with_robots(name, **SEES)
+    done: set[str] = set()
+    while left := [one for one in mission.followers if one not in done]:
+        ready = [one for one in left if set(mission.landmarks_of(one)) <= done]
+        assert ready
+        done.update(ready)

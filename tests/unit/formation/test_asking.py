@@ -1,10 +1,10 @@
-"""An operator's word: who is asked, how often, until when."""
+"""An operator's request: which robots are asked, how often, until when."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 
@@ -18,14 +18,11 @@ from formation.stability import intent
 from formation.transport import asking
 from formation.transport.mailbox import Question, Reply
 
-STOP = OperatorRequest(do="stop")
 SIX = load("six_robots")
-TWO = Recipients(("robot1",), ("robot2",))
-"""A leader and a robot."""
 
 
 class Clock:
-    """In place of `time`: goes on only while somebody sleeps."""
+    """In place of `time`: goes on only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -47,54 +44,52 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def reply(
-    robot: str,
-    *,
-    ok: bool = True,
-    mode: Mode = "stop",
-    key: str = "",
-    leads: bool | None = None,
-    readonly: bool = False,
-) -> Reply:
-    output = OperatorReply(robot=robot, ok=ok, mode=mode, leads=leads, readonly=readonly)
+def reply(robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", **fields: Any) -> Reply:
+    output = OperatorReply(robot=robot, ok=ok, mode=mode, **fields)
     return Reply(key or f"{robot}/order", order.encode(output), 1.5)
 
 
 class Fleet:
-    """Answers each question with the next of the lists of replies on its key, the last of them for ever."""
+    """Answers each question with the next of the lists of replies on its key, the last of them for ever.
 
-    def __init__(self, **rounds: Sequence[Sequence[Reply]]) -> None:
+    If `silent`, a robot is linked that never answers: no question to all is over before its time.
+    """
+
+    def __init__(self, *, silent: bool = False, **rounds: Sequence[Sequence[Reply]]) -> None:
         self.rounds = {name: list(one) for name, one in rounds.items()}
         self.put_to: list[str] = []
+        self.put_at: list[float] = []
         self.received: list[OperatorRequest] = []
-        self.silent = False
-        """Somebody is linked, and says nothing: no question to all is over before its time."""
+        self.silent = silent
 
     def put(self, key: str, payload: bytes, timeout: float) -> Question:
         assert 0.0 < timeout <= asking.MAX_ROUND_TIME
         self.received.append(order.decode(OperatorRequest, payload))
         question, name = Question(), key.removesuffix("/order").replace("*", "all")
         self.put_to.append(name)
+        self.put_at.append(asking._now())
         rounds = self.rounds.get(name, [[]])
         question.replies += rounds.pop(0) if len(rounds) > 1 else rounds[0]
         if not self.silent:
             question.end()
         return question
 
+    def ask(
+        self, do: Do = "stop", candidates: str = "robot1", each: str = "", seconds: float = 10.0, **more: Any
+    ) -> Outcome:
+        recipients = Recipients(tuple(candidates.split()), tuple(each.split()))
+        return asking.ask(self.put, recipients, OperatorRequest(do=do), seconds, **more)
 
-def test_question_is_repeated_until_all_have_answered() -> None:
+
+def test_question_is_repeated_until_all_answer_and_first_answer_counts() -> None:
     one, two = reply("robot1"), reply("robot2")
-    fleet = Fleet(all=[[], [one], [one, two], [two]])
-    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    fleet = Fleet(all=[[two], [], [reply("robot2", mode="hold"), one], [one]])
+    outcome = fleet.ask(each="robot2")
     assert outcome.obeyed
     assert fleet.put_to == ["all"] * 3
-
-
-def test_first_answer_counts_despite_repetition() -> None:
-    fleet = Fleet(all=[[reply("robot2")], [reply("robot2", mode="hold"), reply("robot1")]])
-    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
     assert outcome.answers["robot2"].reply.mode == "stop"
-    assert outcome.answers["robot2"].ms < outcome.answers["robot1"].ms
+    assert outcome.answers["robot2"].ms == pytest.approx(1.5, abs=1.0)  # since the first question
+    assert outcome.answers["robot1"].ms > 2e3 * asking.REPEAT_PAUSE
 
 
 @pytest.mark.parametrize("ok", [True, False])
@@ -106,164 +101,103 @@ def test_the_agent_that_commands_the_robot_counts(*, ok: bool, rounds: int, read
     first, second = reversed(answers) if readonly_first else answers
     given = [[first, second]] if rounds == 1 else [[first], [second]]
     given[0].insert(0, reply("robot1"))
-    outcome = asking.ask(Fleet(all=given).put, TWO, STOP, 10.0)
+    outcome = Fleet(all=given).ask(each="robot2")
     assert (outcome.answers["robot2"].reply.readonly, outcome.obeyed) == (False, ok)
 
 
 def test_answer_of_a_readonly_agent_alone_counts(clock: Clock) -> None:
     answers = [reply("robot1"), reply("robot2", ok=False, readonly=True)]
-    outcome = asking.ask(Fleet(all=[answers]).put, TWO, STOP, 10.0)
-    assert outcome.refused == ["robot2"]
+    assert Fleet(all=[answers]).ask(each="robot2").refused == ["robot2"]
     assert clock.now < 0.2
 
 
 def test_linked_but_silent_robot_delays_no_other() -> None:
-    fleet = Fleet(all=[[reply("robot1")], [], [], [reply("robot3")]])
-    fleet.silent = True
-    outcome = asking.ask(fleet.put, Recipients(("robot1",), ("robot2", "robot3")), STOP, 0.4)
+    fleet = Fleet(all=[[reply("robot1")], [], [], [reply("robot3")]], silent=True)
+    outcome = fleet.ask(each="robot2 robot3", seconds=0.4)
     assert outcome.missing == ["robot2"]
     assert outcome.answers["robot3"].ms < 1e3 * asking.MAX_ROUND_TIME
 
 
-def test_each_possible_leader_is_asked_by_own_key() -> None:
-    fleet = Fleet(robot1=[[reply("robot1", leads=False)]], spare=[[], [], [reply("spare", leads=True)]])
-    outcome = asking.ask(fleet.put, Recipients(("robot1", "spare")), OperatorRequest(do="run"), 10.0)
-    assert outcome.leader == "spare"
-    assert set(fleet.put_to) == {"robot1", "spare"}
-
-
-def test_request_is_soon_repeated_on_a_hanging_link() -> None:
-    fleet = Fleet(robot1=[[], [], [reply("robot1")]])
-    fleet.silent = True
-    outcome = asking.ask(fleet.put, Recipients(("robot1",)), STOP, 10.0)
-    assert outcome.answers["robot1"].ms < 1e3 * asking.MAX_ROUND_TIME
-
-
 def test_an_answer_to_a_question_before_the_newest_counts() -> None:
-    late = Question()
-    questions = iter([late, Question(), Question()])
+    questions: list[Question] = []
 
-    def put(_key: str, _payload: bytes, _: float) -> Question:
-        question = next(questions)
-        if question is not late:
-            late.replies.append(reply("robot1"))
-            late.end()
-        return question
+    def put(*_: Any) -> Question:
+        questions.append(Question())
+        if len(questions) == 2:
+            questions[0].replies.append(reply("robot1"))
+        return questions[-1]
 
-    assert asking.ask(put, Recipients(("robot1",)), STOP, 10.0).obeyed
-
-
-def test_time_limit_counts_from_the_first_question() -> None:
-    fleet = Fleet(all=[[reply("robot1")], [], [reply("robot2")]])
-    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
-    assert outcome.answers["robot1"].ms == pytest.approx(1.5, abs=1.0)
-    assert outcome.answers["robot2"].ms > 2e3 * asking.REPEAT_PAUSE
-
-
-def test_late_answers_count_as_missing() -> None:
-    outcome = asking.ask(Fleet(all=[[reply("robot1")]]).put, TWO, STOP, 0.1)
-    assert (set(outcome.answers), outcome.missing) == ({"robot1"}, ["robot2"])
+    assert asking.ask(put, Recipients(("robot1",)), OperatorRequest(do="stop"), 10.0).obeyed
 
 
 def test_invalid_or_foreign_answers_do_not_count() -> None:
     strange = [Reply("robot1/order", b"yes", 1.0), reply("robot9"), reply("robot2", key="robot1/order")]
-    assert asking.ask(Fleet(all=[strange]).put, TWO, STOP, 0.05).answers == {}
+    assert Fleet(all=[strange]).ask(each="robot2", seconds=0.05).answers == {}
 
 
 def test_question_to_all_waits_for_links(clock: Clock) -> None:
     """One question at the first link, one when all are linked; none in between, nor before."""
     both = [reply("robot1"), reply("robot2")]
     fleet = Fleet(all=[both[:1], both])
-    put_at: list[float] = []
-
-    def put(key: str, payload: bytes, timeout: float) -> Question:
-        put_at.append(clock.now)
-        return fleet.put(key, payload, timeout)
-
-    def linked() -> int:
-        return (clock.now >= 0.05) + (clock.now >= 0.10)
-
-    outcome = asking.ask(put, TWO, STOP, 10.0, linked=linked)
+    outcome = fleet.ask(each="robot2", linked=lambda: (clock.now >= 0.05) + (clock.now >= 0.10))
     assert outcome.obeyed
-    assert put_at == [
-        pytest.approx(0.05, abs=2 * asking.CHECK_PERIOD),
-        pytest.approx(0.10, abs=2 * asking.CHECK_PERIOD),
-    ]
+    assert fleet.put_at == pytest.approx([0.05, 0.10], abs=2 * asking.CHECK_PERIOD)
 
 
 def test_question_to_all_is_repeated_while_a_link_is_missing() -> None:
     fleet = Fleet(all=[[reply("robot1")]])
-    outcome = asking.ask(fleet.put, TWO, STOP, 1.0, linked=lambda: 1)
-    assert outcome.missing == ["robot2"]
+    assert fleet.ask(each="robot2", seconds=1.0, linked=lambda: 1).missing == ["robot2"]
     assert len(fleet.put_to) == pytest.approx(1.0 / asking.LINKING_PAUSE, abs=1.0)
 
 
 def test_what_is_over_is_not_asked_again() -> None:
     fleet = Fleet(all=[[reply("robot1")]])
-    outcome = asking.ask(fleet.put, TWO, STOP, 10.0, over=lambda: len(fleet.put_to) >= 5)
-    assert not outcome.obeyed
+    assert not fleet.ask(each="robot2", over=lambda: len(fleet.put_to) >= 5).obeyed
     assert len(fleet.put_to) == 5
 
 
 def test_standby_is_queried_again_until_one_leads() -> None:
     waits, leads = reply("robot2", leads=False), reply("robot2", leads=True)
     fleet = Fleet(robot2=[[waits], [waits], [leads]])
-    outcome = asking.ask(fleet.put, Recipients(("robot1", "robot2")), OperatorRequest(do="run"), 10.0)
+    outcome = fleet.ask("run", "robot1 robot2")
     assert (outcome.leader, outcome.obeyed) == ("robot2", True)
     assert fleet.put_to.count("robot2") == 3
 
 
 def test_leading_answer_counts_among_two_of_one_name() -> None:
     both = [reply("robot1", leads=False), reply("robot1", leads=True, mode="hold")]
-    outcome = asking.ask(Fleet(robot1=[both]).put, Recipients(("robot1",)), OperatorRequest(do="hold"), 10.0)
-    assert outcome.answers["robot1"].reply.mode == "hold"
+    assert Fleet(robot1=[both]).ask("hold").answers["robot1"].reply.mode == "hold"
 
 
 def test_dead_candidate_does_not_delay_the_outcome(clock: Clock) -> None:
     fleet = Fleet(robot2=[[reply("robot2", leads=True)]], robot3=[[], [], [reply("robot3", leads=False)]])
-    candidates = Recipients(("robot1", "robot2", "robot3"))
-    outcome = asking.ask(fleet.put, candidates, OperatorRequest(do="run"), 10.0)
+    outcome = fleet.ask("run", "robot1 robot2 robot3")
     assert clock.now < 5.0
     assert (outcome.obeyed, outcome.standby) == (True, ["robot3"])
 
 
-def with_standbys() -> Mission:
-    data = SIX.model_dump()
-    return Mission.model_validate({**data, "standbys": {"second": {}, "third": {}}})
-
-
 @pytest.mark.parametrize("do", get_args(Do))
 def test_what_changes_motion_is_put_to_every_robot(do: Do) -> None:
-    mission = with_standbys()
+    mission = Mission.model_validate({**SIX.model_dump(), "standbys": {"second": {}, "third": {}}})
     recipients = asking.addressed(mission, do)
     assert recipients.candidates == ("robot1", "second", "third")
     assert recipients.each == (mission.followers if do in MOTION else ())
 
 
-@pytest.mark.parametrize("do", ["release", "run", "stop", "hold"])
-def test_each_repetition_of_a_request_gives_its_age(do: str) -> None:
+def test_each_repetition_of_a_request_gives_its_age() -> None:
     fleet = Fleet()
-    asking.ask(fleet.put, Recipients(("robot1",)), intent.request_for(SIX, do), 0.2)
+    fleet.ask("release", seconds=0.2)
     ages = [one.age for one in fleet.received]
     assert ages[0] == 0.0 < ages[1]
     assert ages[-1] > 0.1
     assert ages == sorted(ages)
-
-
-def test_request_age_includes_laptop_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
-    fleet, clock = Fleet(), iter([0.0, 0.0, 600.0, 600.0])
-    monkeypatch.setattr(asking, "_now", lambda: next(clock))
-    release, twice = intent.request_for(SIX, "release"), lambda: len(fleet.received) == 2
-    asking.ask(fleet.put, Recipients(("robot1",)), release, 900.0, twice)
-    assert [one.age for one in fleet.received] == [0.0, 600.0]
+    # the clock goes on while a laptop sleeps
     assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
 
 
 def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
-    output = OperatorReply(robot="robot1", ok=False, mode="stop", reason="\x1b[2J\x1b]0;all obey\x07no\n")
-    rude = Reply("robot1/order", order.encode(output), 2.0)
-    outcome = asking.ask(Fleet(robot1=[[rude]]).put, Recipients(("robot1",)), STOP, 10.0)
-    first, *_ = outcome.words().splitlines()
+    rude = reply("robot1", ok=False, reason="\x1b[2J\x1b]0;all obey\x07no\n")
+    first, *_ = Fleet(robot1=[[rude]]).ask().words().splitlines()
     assert "REFUSED" in first
     assert first.isprintable()
 
@@ -276,7 +210,7 @@ class Robots:
         self.received: list[OperatorRequest] = []
         self.silent: set[str] = set()
         self.between: Callable[[], None] = lambda: None
-        """Happens once everybody has said what is in force."""
+        """Called once all have said what is in force."""
 
     def put(self, _key: str, payload: bytes, _timeout: float) -> Question:
         request, question = order.decode(OperatorRequest, payload), Question()
@@ -287,11 +221,11 @@ class Robots:
             if name in self.silent:
                 continue
             if request.do == "query":
-                output = OperatorReply(robot=name, ok=True, mode="hold", stop=rest.stop, hold=rest.hold)
+                answer = reply(name, mode="hold", stop=rest.stop, hold=rest.hold)
             else:
                 result = rest.change(request, request.id)
-                output = OperatorReply(robot=name, ok=result.ok, mode=rest.mode or "run", code=result.code)
-            question.replies.append(Reply(f"{name}/order", order.encode(output), 1.0))
+                answer = reply(name, ok=result.ok, mode=rest.mode or "run", code=result.code)
+            question.replies.append(answer)
         question.end()
         return question
 
@@ -325,16 +259,6 @@ def test_a_second_release_sets_no_robot_going() -> None:
     assert robots.modes == ["hold"] * 3
 
 
-def test_release_keeps_hold_of_leader_that_missed_stop() -> None:
-    robots = Robots("leader", "a")
-    robots.give("hold")
-    robots.silent = {"leader"}
-    robots.give("stop", seconds=0.3)
-    robots.silent = set()
-    assert robots.give("release").nothing == ["leader"]
-    assert robots.modes == ["hold", "hold"]
-
-
 @pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "run")])
 def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
     robots = Robots("leader", "a")
@@ -347,13 +271,6 @@ def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
     robots.between = newer
     assert robots.give(go).refused == ["leader", "a"]
     assert robots.modes == [rest, rest]
-
-
-def test_what_ends_nothing_is_not_preceded_by_a_query() -> None:
-    robots = Robots("leader", "a")
-    for do in ("stop", "hold"):
-        robots.give(do)
-    assert [one.do for one in robots.received] == ["stop", "hold"]
 
 
 def test_unanswered_query_prevents_the_release() -> None:

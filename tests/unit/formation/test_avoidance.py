@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from itertools import combinations
 from random import Random
 
 import pytest
@@ -37,22 +38,10 @@ PARAMETERS = AvoidanceParameters(0.1, 0.02, 0.15)
 seeds = st.integers(0, 2**32)
 doubts = st.floats(0.0, 4.0)
 commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+near = vectors.map(lambda at: 0.2 * at)
 obstacles = st.lists(
-    st.builds(
-        Obstacle,
-        vectors.map(lambda at: 0.2 * at),
-        st.floats(0.05, 0.3),
-        vectors,
-        st.booleans(),
-        st.booleans(),
-        doubts,
-    ),
-    max_size=5,
+    st.builds(Obstacle, near, st.floats(0.05, 0.3), vectors, st.booleans(), st.booleans(), doubts), max_size=5
 )
-
-
-def mirrored(one: Obstacle) -> Obstacle:
-    return one._replace(at=one.at.conjugate(), velocity=one.velocity.conjugate())
 
 
 class Crowd:
@@ -60,27 +49,21 @@ class Crowd:
 
     def __init__(self, seed: int, doubt: float) -> None:
         self.draw, self.doubt = Random(seed), doubt
-        self.at: list[complex] = []
-        while len(self.at) < 5:
+        at: list[complex] = []
+        while len(at) < 5:
             point = complex(self.draw.uniform(-0.5, 0.5), self.draw.uniform(-0.5, 0.5))
-            if all(abs(point - other) > 0.22 for other in self.at):
-                self.at.append(point)
-        self.heading = [rotation(self.draw.uniform(-math.pi, math.pi)) for _ in self.at]
-        self.states = [Avoidance() for _ in self.at]
+            if all(abs(point - other) > 0.22 for other in at):
+                at.append(point)
+        self.poses = [(point, rotation(self.draw.uniform(-math.pi, math.pi))) for point in at]
+        self.states = [Avoidance() for _ in at]
 
     def commands(self, dt: float) -> list[Command]:
         result = []
-        for i, here in enumerate(self.at):
-            believed = self.heading[i] * rotation(self.draw.uniform(-self.doubt, self.doubt))
+        for i, (here, heading) in enumerate(self.poses):
+            turn = (heading * rotation(self.draw.uniform(-self.doubt, self.doubt))).conjugate()
             around = [
-                Obstacle(
-                    believed.conjugate() * (at - here),
-                    0.1,
-                    complex(self.draw.uniform(-1, 1)),
-                    j < i,
-                    doubt=self.doubt,
-                )
-                for j, at in enumerate(self.at)
+                Obstacle(turn * (at - here), 0.1, complex(self.draw.uniform(-1, 1)), j < i, doubt=self.doubt)
+                for j, (at, _) in enumerate(self.poses)
                 if j != i
             ]
             wanted = Command(self.draw.choice((-1.5, 1.5)), self.draw.uniform(-1.5, 1.5))
@@ -88,20 +71,9 @@ class Crowd:
             result.append(done)
         return result
 
-    def gap(self, result: list[Command], after: float) -> float:
-        """Least distance between two bodies when the commands have lasted for a while."""
-        at = [
-            advance(here, heading, *command, after)[0]
-            for here, heading, command in zip(self.at, self.heading, result, strict=True)
-        ]
-        return min(abs(a - b) - 0.2 for k, a in enumerate(at) for b in at[:k])
-
-    def move(self, result: list[Command], dt: float) -> None:
-        poses = [
-            advance(here, heading, *command, dt)
-            for here, heading, command in zip(self.at, self.heading, result, strict=True)
-        ]
-        self.at, self.heading = [at for at, _ in poses], [heading for _, heading in poses]
+    def after(self, commands: list[Command], seconds: float) -> list[tuple[complex, complex]]:
+        """Poses when the commands have lasted for so long."""
+        return [advance(*pose, *done, seconds) for pose, done in zip(self.poses, commands, strict=True)]
 
 
 @settings(max_examples=40, deadline=None)
@@ -110,10 +82,12 @@ def test_bodies_never_touch_whatever_their_robots_want(seed: int, doubt: float) 
     crowd = Crowd(seed, doubt)
     for _ in range(30):
         dt = crowd.draw.uniform(0.01, PARAMETERS.hold)
-        result = crowd.commands(dt)
+        commands = crowd.commands(dt)
         for part in (0.25, 0.5, 0.75, 1.0):
-            assert crowd.gap(result, part * dt) > (PARAMETERS.margin if doubt < math.pi else 0.0) - 1e-9
-        crowd.move(result, dt)
+            poses = crowd.after(commands, part * dt)
+            gap = min(abs(one - other) - 0.2 for (one, _), (other, _) in combinations(poses, 2))
+            assert gap > (PARAMETERS.margin if doubt < math.pi else 0.0) - 1e-9
+        crowd.poses = poses
 
 
 @given(commands, obstacles, st.floats(0.0, 1.0))
@@ -124,9 +98,7 @@ def test_commands_stay_within_limits(wanted: Command, around: list[Obstacle], de
 
 
 @given(st.floats(-1.5, 1.5), obstacles)
-def test_standing_and_turning_on_the_spot_are_always_allowed(
-    turn_rate: float, around: list[Obstacle]
-) -> None:
+def test_turning_on_the_spot_is_always_allowed(turn_rate: float, around: list[Obstacle]) -> None:
     turning = Command(0.0, turn_rate)
     assert brake(turning, around, PARAMETERS) is turning
 
@@ -143,16 +115,14 @@ def test_unobstructed_command_is_returned_unchanged(wanted: Command, at: list[co
 def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) -> None:
     done = brake(give_way(wanted, around, PARAMETERS, BODY), around, PARAMETERS)
     flipped = Command(wanted.speed, -wanted.turn_rate)
-    others = [mirrored(one) for one in around]
+    others = [one._replace(at=one.at.conjugate(), velocity=one.velocity.conjugate()) for one in around]
     assert brake(give_way(flipped, others, PARAMETERS, BODY), others, PARAMETERS) == pytest.approx(
         (done.speed, -done.turn_rate), abs=1e-6
     )
 
 
 @given(vectors, st.lists(st.tuples(headings, st.floats(0.0, 3.0)), min_size=1, max_size=6), seeds)
-def test_nothing_within_all_bounds_is_nearer(
-    wanted: complex, drawn: list[tuple[complex, float]], seed: int
-) -> None:
+def test_no_allowed_point_is_nearer(wanted: complex, drawn: list[tuple[complex, float]], seed: int) -> None:
     bounds = [HalfPlane(normal.real, normal.imag, most) for normal, most in drawn]
 
     def beyond(point: complex) -> float:
@@ -169,8 +139,9 @@ def test_nothing_within_all_bounds_is_nearer(
             assert abs(other - wanted) >= abs(point - wanted) - 1e-6
 
 
-def test_what_is_within_all_bounds_is_nearest_to_itself() -> None:
+def test_nearest_knows_whether_bounds_have_anything_in_common() -> None:
     assert nearest(0.5 + 0.5j, [HalfPlane(1.0, 0.0, 1.0), HalfPlane(0.0, 1.0, 1.0)]) == (True, 0.5 + 0.5j)
+    assert nearest(0j, [HalfPlane(1.0, 0.0, -1.0), HalfPlane(-1.0, 0.0, -1.0)]) == (False, 0j)
 
 
 def test_surrounded_robot_approaches_no_obstacle() -> None:
@@ -181,15 +152,8 @@ def test_surrounded_robot_approaches_no_obstacle() -> None:
         assert bound.x * done.speed + bound.y * BODY.offset * done.turn_rate <= max(bound.most, 0.0) + 1e-9
 
 
-def test_bounds_that_have_nothing_in_common_are_found_out() -> None:
-    apart = [HalfPlane(1.0, 0.0, -1.0), HalfPlane(-1.0, 0.0, -1.0)]
-    assert nearest(0j, apart) == (False, 0j)
-
-
 @given(headings, st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
-def test_cosine_stays_within_computed_bounds(
-    towards: complex, turn: float, doubt: float, part: float, wrong: float
-) -> None:
+def test_cosine_is_in_bounds(towards: complex, turn: float, doubt: float, part: float, wrong: float) -> None:
     least, greatest = facing(towards, turn, doubt)
     cosine = (towards * rotation(wrong * doubt - part * turn)).real
     assert least - 1e-9 <= cosine <= greatest + 1e-9
@@ -197,10 +161,8 @@ def test_cosine_stays_within_computed_bounds(
 
 def test_robot_without_right_of_way_makes_room() -> None:
     coming = Obstacle(0.45 + 0.05j, 0.1, -0.8 + 0j, first=True)
-    done = give_way(Command(0.5, 0.0), [coming], PARAMETERS, BODY)
-    assert done.speed < 0.0
-    passing = give_way(Command(0.5, 0.0), [coming._replace(first=False)], PARAMETERS, BODY)
-    assert passing.speed > 0.0
+    assert give_way(Command(0.5, 0.0), [coming], PARAMETERS, BODY).speed < 0.0
+    assert give_way(Command(0.5, 0.0), [coming._replace(first=False)], PARAMETERS, BODY).speed > 0.0
 
 
 @given(headings, headings, seeds)
@@ -218,50 +180,53 @@ def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: 
             assert abs(angle_between(estimate, heading)) <= doubt - MAX_HEADING_ERROR + 1e-3
 
 
+WALL = Obstacle(0.52 + 0j, 0.2, 0j, first=True)
+
+
+def straight_on(avoidance: Avoidance, one: Obstacle = WALL, along: complex = 0j) -> tuple[Command, Avoidance]:
+    """One step of a robot that wants to drive straight on."""
+    return avoid(Command(1.5, 0.0), [one], PARAMETERS, BODY, along, avoidance, 0.05)
+
+
 def test_blocked_robot_detours_right_and_counts_a_deadlock() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
-    avoidance, elapsed, turned = Avoidance(), 0.0, []
-    while elapsed < DEADLOCK_DELAY + DETOUR_TIME + 0.2:
-        done, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0j, avoidance, 0.05)
+    avoidance, turned = Avoidance(), []
+    for _ in range(round((DEADLOCK_DELAY + DETOUR_TIME + 0.2) / 0.05)):
+        done, avoidance = straight_on(avoidance)
         turned.append(done.turn_rate)
-        elapsed += 0.05
     assert avoidance.deadlocks == 1
     assert min(turned) == -BODY.max_turn_rate
     assert turned[0] == turned[-1] == 0.0
 
 
 def test_repeated_deadlocks_lengthen_detours_until_free() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
     avoidance, turns = Avoidance(), [0]
     for _ in range(400):
-        before = avoidance
-        _, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0j, avoidance, 0.05)
+        deadlocks = avoidance.deadlocks
+        _, avoidance = straight_on(avoidance)
         turns[-1] += avoidance.detour > 0.0
-        if avoidance.deadlocks > before.deadlocks:
+        if avoidance.deadlocks > deadlocks:
             turns.append(0)
     assert turns[1:4] == pytest.approx([DETOUR_TIME * times / 0.05 for times in (1, 2, 3)], abs=1.0)
-    free = [Obstacle(9.0 + 0j, 0.2, 0j, first=True)]
     for _ in range(600):
-        _, avoidance = avoid(Command(1.5, 0.0), free, PARAMETERS, BODY, 0j, avoidance, 0.05)
+        _, avoidance = straight_on(avoidance, WALL._replace(at=9.0 + 0j))
     assert avoidance.again == 0.0
 
 
 @pytest.mark.parametrize("stands", [True, False])
 def test_oscillation_is_a_deadlock_only_before_standing_obstacles(stands: bool) -> None:
-    post, avoidance, speeds = Obstacle(0j, 0.2, 0j, first=True, stands=stands), Avoidance(), set()
+    avoidance, speeds = Avoidance(), set()
     for step in range(40):
-        seen = post._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j)  # as noise has it
-        done, avoidance = avoid(Command(1.5, 0.0), [seen], PARAMETERS, BODY, 0j, avoidance, 0.05)
+        seen = WALL._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j, stands=stands)  # as noise has it
+        done, avoidance = straight_on(avoidance, seen)
         speeds.add(round(done.speed, 3))
     assert {0.2, -0.2} <= speeds
     assert (avoidance.deadlocks > 0) == stands
 
 
 def test_robot_held_at_neighbour_speed_counts_as_blocked() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0.2 + 0j, first=True)]
     avoidance = Avoidance()
     for _ in range(20):
-        _, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0.2 + 0j, avoidance, 0.05)
+        _, avoidance = straight_on(avoidance, WALL._replace(velocity=0.2 + 0j), 0.2 + 0j)
     assert avoidance.deadlocks == 1
 
 
@@ -269,9 +234,7 @@ def goes_round(posts: list[complex], body: Limits, steps: int, *, stands: bool) 
     """Whether a robot comes to its goal behind the posts, and never nearer to them than bodies allow."""
     at, heading, avoidance, nearest, goal = 0j, 1.0 + 0j, Avoidance(), math.inf, 3.0 + 0j
     for _ in range(steps):
-        around = [
-            Obstacle(heading.conjugate() * (post - at), 0.2, 0j, first=True, stands=stands) for post in posts
-        ]
+        around = [WALL._replace(at=heading.conjugate() * (post - at), stands=stands) for post in posts]
         away = heading.conjugate() * (goal - control_point(at, heading, body.offset))
         wanted = saturate(2.0 * away, body.offset, body.max_speed, body.max_turn_rate)
         command, avoidance = avoid(wanted, around, PARAMETERS, body, 0j, avoidance, 0.05)

@@ -20,6 +20,7 @@ from tests.unit.formation.scenarios import IDEAL, edge_errors
 
 SIX = load("six_robots")
 CIRCLE = {"radius": 1.2, "speed": 0.2}
+ALONE = Options(avoid=False)
 
 
 def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = None, **law: Any) -> Mission:
@@ -29,26 +30,25 @@ def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = N
     neighbours = scenarios.random_neighbours(rng, count)
     slots = -0.7 * np.arange(count) + 1j * rng.uniform(-1.0, 1.0, count)
     slots -= slots[0]
-    way = route or {"speed": leader_speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
-    return scenarios.build(slots, neighbours, way, law={"leader_orders": "none", **law})
+    route = route or {"speed": leader_speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
+    return scenarios.build(slots, neighbours, route, law={"leader_orders": "none", **law})
 
 
-@pytest.mark.parametrize("leader_orders", ["none", "velocity"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_error_on_a_circle_is_as_certified(seed: int, leader_orders: str) -> None:
-    mission = drawn(seed, route=CIRCLE, leader_orders=leader_orders)
-    assert edge_errors(mission) == pytest.approx(curve_errors(mission), rel=1e-3, abs=1e-6)
-
-
-def test_error_of_slow_robots_on_a_circle_is_as_certified() -> None:
-    """They are faster than the leader's top speed, so they count less and velocities are cut."""
-    mission = drawn(3, route={"radius": 1.2, "speed": 0.2}, gain=0.6)
-    assert edge_errors(mission, 120.0) == pytest.approx(curve_errors(mission), rel=1e-3, abs=1e-6)
+@pytest.mark.parametrize(
+    ("mission", "horizon"),
+    [
+        *((drawn(seed, route=CIRCLE, leader_orders="none"), 60.0) for seed in (0, 1, 2)),
+        *((drawn(seed, route=CIRCLE, leader_orders="velocity"), 60.0) for seed in (0, 1, 2)),
+        # slow robots: they are faster than the leader's top speed, so they count less and velocities are cut
+        (drawn(3, route=CIRCLE, gain=0.6), 120.0),
+    ],
+)
+def test_error_on_a_circle_is_as_certified(mission: Mission, horizon: float) -> None:
+    assert edge_errors(mission, horizon) == pytest.approx(curve_errors(mission), rel=1e-3, abs=1e-6)
 
 
 def test_error_on_a_circle_of_a_ring_is_as_certified() -> None:
-    ring = scenarios.ring(4)
-    mission = Mission.model_validate({**ring.model_dump(), "route": [CIRCLE]})
+    mission = Mission.model_validate({**scenarios.ring(4).model_dump(), "route": [CIRCLE]})
     assert edge_errors(mission, 120.0) == pytest.approx(curve_errors(mission), rel=1e-4)
 
 
@@ -117,23 +117,18 @@ def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
     route = [{"speed": share * SIX.robots["robot2"].max_speed, "heading_deg": 30.0}]
     changed = {"route": route, "collisions": {"mode": "off", "lag": 0.0}}
     mission = Mission.model_validate({**SIX.model_dump(), **changed})
-    result = simulate(mission, runs=60, seed=1, horizon=200.0, options=Options(avoid=False))
-    assert result.converged.all()
+    assert simulate(mission, runs=60, seed=1, horizon=200.0, options=ALONE).converged.all()
 
 
 @pytest.mark.parametrize("ramp", [0.5, 1.0])
 @pytest.mark.parametrize("name", ["six_robots", "patrol"])
 def test_robots_with_a_slow_ramp_do_not_weave(name: str, ramp: float) -> None:
-    result = simulate(
-        with_robots(name, ramp=ramp), runs=40, horizon=20.0, step=0.05, options=Options(avoid=False)
-    )
-    assert result.converged.all()
+    mission = with_robots(name, ramp=ramp)
+    assert simulate(mission, runs=40, horizon=20.0, step=0.05, options=ALONE).converged.all()
 
 
 def test_robots_with_a_short_offset_do_not_weave() -> None:
     slow = {"control_point_offset": 0.05, "max_speed": 1.0, "max_turn_rate": 2.0, "ramp": 1.0}
-    mission = scenarios.build(
-        np.array([0.0, -0.8, -1.6]), [[], [0], [1]], {"speed": 0.7, "heading_deg": 0.0}, robot=slow
-    )
-    result = simulate(mission, runs=40, horizon=40.0, step=0.05, spread=1.0)
-    assert result.converged.all()
+    route = {"speed": 0.7, "heading_deg": 0.0}
+    mission = scenarios.build(np.array([0.0, -0.8, -1.6]), [[], [0], [1]], route, robot=slow)
+    assert simulate(mission, runs=40, horizon=40.0, step=0.05, spread=1.0).converged.all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,9 +31,26 @@ from tests.unit.formation.planar import vectors
 SIX = load("six_robots")
 
 
-@pytest.mark.parametrize("margin", [0.74339, 0.7433, 0.02])
-def test_margin_below_slot_room_is_accepted(margin: float) -> None:
-    assert list(problems(scenarios.clearing(SIX, margin=margin))) == []
+FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
+"""One behind the other."""
+ALONE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (0,), (0,)))
+"""None measures another follower."""
+
+
+@pytest.mark.parametrize(
+    "mission",
+    [
+        *(scenarios.clearing(SIX, margin=margin) for margin in (0.74339, 0.7433, 0.02)),
+        *(scenarios.clearing(SIX, margin=5.0, mode=mode) for mode in ("off", "warn")),
+        scenarios.clearing(ALONE, avoid=(), margin=5.0),
+    ],
+)
+def test_margin_below_slot_room_or_without_use_is_accepted(mission: Mission) -> None:
+    assert list(problems(mission)) == []
+
+
+def test_margin_counts_where_one_robot_avoids_the_other() -> None:
+    assert list(problems(scenarios.clearing(FILE, avoid=(), margin=0.8))) != []
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
@@ -58,18 +77,6 @@ def test_margin_equal_to_slot_room_is_refused() -> None:
         assert list(problems(scenarios.clearing(apart, margin=round(side - 0.201, 3)))) == []
 
 
-@pytest.mark.parametrize("mode", ["off", "warn"])
-def test_unused_margin_needs_no_room(mode: str) -> None:
-    assert list(problems(scenarios.clearing(SIX, margin=5.0, mode=mode))) == []
-
-
-def test_margin_needs_no_room_where_neither_avoids_the_other() -> None:
-    alone = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (0,), (0,)))
-    assert list(problems(scenarios.clearing(alone, avoid=(), margin=5.0))) == []
-    chain = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
-    assert list(problems(scenarios.clearing(chain, avoid=(), margin=0.8))) != []
-
-
 @pytest.mark.parametrize("name", shipped())
 def test_filter_passes_straight_motion_exactly_up_to_room(name: str) -> None:
     mission = load(name)
@@ -84,15 +91,13 @@ def goes_straight_on(mission: Mission, shape: str, name: str, other: str, margin
     """Whether the filter leaves a command alone that follows the leader, beside one other robot."""
     me, spec, speed = mission.robots[name], mission.robots[other], max(leg.speed for leg in mission.route)
     turn = 1.0 if mission.turning else mission.leader_heading.conjugate()
-    away = turn * (mission.slot(other, shape) - mission.slot(name, shape))
-    radius = spec.radius
+    away, radius = turn * (mission.slot(other, shape) - mission.slot(name, shape)), spec.radius
+    late = mission.collisions.delay
     if me.measurement == "local":
-        away, radius = away + me.control_point_offset, radius + spec.control_point_offset
-    late = 0.0 if me.measurement == "local" else mission.collisions.delay
+        away, radius, late = away + me.control_point_offset, radius + spec.control_point_offset, 0.0
     there = [Obstacle(away, radius, speed + 0j, mission.has_right_of_way(other, name), age=late)]
-    parameters = AvoidanceParameters(
-        me.radius, margin, me.longest_command + LAG_WEIGHT * mission.collisions.lag
-    )
+    hold = me.longest_command + LAG_WEIGHT * mission.collisions.lag
+    parameters = AvoidanceParameters(me.radius, margin, hold)
     wanted = Command(speed, 0.0)
     return give_way(wanted, there, parameters, me.limits) == wanted == brake(wanted, there, parameters)
 
@@ -100,8 +105,8 @@ def goes_straight_on(mission: Mission, shape: str, name: str, other: str, margin
 @pytest.mark.slow
 @pytest.mark.parametrize(("margin", "well"), [(0.55, True), (0.65, False)])
 def test_formation_forms_exactly_when_filter_gives_no_warning(margin: float, *, well: bool) -> None:
-    hexagon = {**SIX.model_dump(), "shapes": {"hexagon": SIX.model_dump()["shapes"]["hexagon"]}}
-    mission = scenarios.clearing(Mission.model_validate(hexagon), margin=margin, lag=0.05, delay=0.0)
+    hexagon = SIX.changed(shapes={"hexagon": SIX.shapes["hexagon"]})
+    mission = scenarios.clearing(hexagon, margin=margin, lag=0.05, delay=0.0)
     assert list(problems(mission)) == []
     assert (list(warnings(mission)) == []) is well
     assert simulate(scenarios.ramped(mission, 0.0), runs=100).converged.mean() == (1.0 if well else 0.0)
@@ -110,36 +115,36 @@ def test_formation_forms_exactly_when_filter_gives_no_warning(margin: float, *, 
     assert with_ramp > 0.95 if well else with_ramp == 0.0
 
 
+def crowded(margin: float, delay: float = 0.0) -> Mission:
+    return scenarios.clearing(SIX, margin=margin, lag=0.05, delay=delay)
+
+
 def test_warning_names_robot_slot_and_greatest_margin() -> None:
-    (result,) = warnings(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0))
+    (result,) = warnings(crowded(0.6))
     assert result == (
         "collisions.margin = 0.6 m: the filter keeps robot5 off its slot in wedge, 0.943 m from robot6's, "
         "behind a leader at 0.2 m/s; "
         "should be at most 0.5184 m"
     )
-    assert result in analyse(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0)).warnings
+    assert result in analyse(crowded(0.6)).warnings
     tight = scenarios.build(np.array([0, -0.3, -0.6, -0.9 + 0j]), ((), (0,), (1,), (2,)))
     (result,) = warnings(scenarios.clearing(tight))
     assert result.endswith("place slots further apart, or slow the leader")
 
 
 def test_warning_counts_stated_delay_and_noise() -> None:
-    assert list(warnings(scenarios.clearing(SIX, margin=0.45, lag=0.05, delay=0.0))) == []
-    assert list(warnings(scenarios.clearing(SIX, margin=0.45, lag=0.05, delay=0.5))) != []
-    (result,) = problems(
-        scenarios.clearing(scenarios.build(np.array([0, -0.25, -0.5 + 0j]), ((), (0,), (1,))), noise=0.02)
-    )
+    assert list(warnings(crowded(0.45))) == []
+    assert list(warnings(crowded(0.45, delay=0.5))) != []
+    tight = scenarios.build(np.array([0, -0.25, -0.5 + 0j]), ((), (0,), (1,)))
+    (result,) = problems(scenarios.clearing(tight, noise=0.02))
     assert result.startswith("collisions.noise = 0.02 m, which takes a margin of 0.113 m")
 
 
 segments = st.builds(Segment, vectors, vectors)
-FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
 
 
 @given(segments, segments, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_no_two_points_of_two_ways_are_nearer_than_the_ways(
-    one: Segment, other: Segment, here: float, there: float
-) -> None:
+def test_no_points_of_two_ways_are_nearer(one: Segment, other: Segment, here: float, there: float) -> None:
     first = one.begin + here * (one.end - one.begin)
     second = other.begin + there * (other.end - other.begin)
     assert between(one, other) <= abs(first - second) + 1e-9
@@ -164,17 +169,21 @@ def test_check_warns_of_crossing_ways_without_avoiding() -> None:
     assert unavoided(crossing) == (("robot2", "robot3"), ("robot2", "robot4"), ("robot3", "robot4"))
     (result,) = could_meet(crossing)
     assert result.startswith("robot2 and robot3 (and 2 other pairs) could meet")
-    assert unavoided(scenarios.exchanged(FILE)) == ()
     assert result in analyse(crossing).warnings
     assert result not in analyse(crossing, "paper").warnings
 
 
-def test_robot_that_stays_at_its_start_meets_none() -> None:
-    assert unavoided(scenarios.clearing(FILE, avoid=())) == ()
-
-
-def test_no_warning_without_collision_avoidance() -> None:
-    assert unavoided(scenarios.exchanged(FILE, avoid=(), mode="off")) == ()
+@pytest.mark.parametrize(
+    "mission",
+    [
+        scenarios.exchanged(FILE),
+        scenarios.exchanged(FILE, avoid=(), mode="off"),
+        scenarios.clearing(FILE, avoid=()),  # robots stay at their starts
+    ],
+    ids=["avoiding", "off", "in slots"],
+)
+def test_robots_that_avoid_or_cannot_meet_cause_no_warning(mission: Mission) -> None:
+    assert unavoided(mission) == ()
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
@@ -186,34 +195,34 @@ def test_printed_law_warns_that_it_avoids_none() -> None:
     assert result not in analyse(scenarios.six(), "paper").warnings
 
 
-@pytest.mark.parametrize(("spacing", "warned"), [(0.639, True), (0.641, False)])
-def test_rows_too_narrow_to_pass_are_warned_of(spacing: float, warned: bool) -> None:
-    """Bodies of 0.1 m with the front 0.1 m ahead and margins of 2 cm pass each other from 0.64 m on."""
-    slots = np.array([0, *(-1 + spacing * k * 1j for k in range(4))])
-    row = scenarios.build(slots, ((), *[(0,)] * 4), robot={"control_point_offset": 0.2})
-    found = list(rows(scenarios.clearing(row)))
-    assert list(rows(scenarios.clearing(row, mode="off"))) == []
-    assert bool(found) is warned
-    assert all("at least 0.64 m apart" in one and "0.639 m apart" in one for one in found)
-    assert set(found) <= set(analyse(scenarios.clearing(row)).warnings)
+SCANNING = {"control_point_offset": 0.1, "scanner": "required", "scan": {"margin": 0.05}}
 
 
-@pytest.mark.parametrize(("spacing", "warned"), [(0.759, True), (0.761, False)])
-def test_robots_seen_by_scanners_need_wider_rows(spacing: float, warned: bool) -> None:
-    """Scanners keep 5 cm, and their circles around hits reach up to 3 cm too far."""
-    slots = np.array([0, *(-1 + spacing * k * 1j for k in range(4))])
-    scanning = {"control_point_offset": 0.1, "scanner": "required", "scan": {"margin": 0.05}}
-    row = scenarios.clearing(scenarios.build(slots, ((), *[(0,)] * 4), robot=scanning), avoid=())
-    found = list(rows(row))
-    assert bool(found) is warned
-    assert all("at least 0.76 m apart" in one for one in found)
+@pytest.mark.parametrize(
+    ("robot", "avoid", "needed"), [({"control_point_offset": 0.2}, "all", 0.64), (SCANNING, (), 0.76)]
+)
+def test_rows_too_narrow_to_pass_are_warned_of(robot: dict[str, Any], avoid: object, needed: float) -> None:
+    """Bodies of 0.1 m with the front 0.1 m ahead keep margins of 2 cm.
+
+    Scanners keep 5 cm, and their circles around hits reach up to 3 cm too far.
+    """
+
+    def row(spacing: float, **collisions: Any) -> Mission:
+        slots = np.array([0, *(-1 + spacing * k * 1j for k in range(4))])
+        return scenarios.clearing(scenarios.build(slots, ((), *[(0,)] * 4), robot=robot), avoid, **collisions)
+
+    narrow = row(needed - 0.001)
+    (warning,) = rows(narrow)
+    assert f"{needed - 0.001:g} m apart" in warning
+    assert f"at least {needed:g} m apart" in warning
+    assert warning in analyse(narrow).warnings
+    assert list(rows(row(needed + 0.001))) == list(rows(row(needed - 0.001, mode="off"))) == []
 
 
-def test_two_slots_without_a_third_robot_are_no_row() -> None:
-    pair = scenarios.build(np.array([0, -1, -1 + 0.5j]), ((), (0,), (0,)))
-    assert list(rows(scenarios.clearing(pair))) == []
+ABREAST = scenarios.clearing(scenarios.build(np.array([0, -1, -1 + 0.5j]), ((), (0,), (0,))))
+"""Two slots without a third robot."""
 
 
-@pytest.mark.parametrize("name", shipped())
-def test_shipped_missions_let_robots_pass(name: str) -> None:
-    assert list(rows(load(name))) == []
+@pytest.mark.parametrize("mission", [ABREAST, *map(load, shipped())], ids=["abreast", *shipped()])
+def test_shipped_missions_let_robots_pass(mission: Mission) -> None:
+    assert list(rows(mission)) == []

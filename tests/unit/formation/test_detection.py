@@ -7,6 +7,7 @@ import math
 import random
 import statistics
 from collections.abc import Iterable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -44,16 +45,15 @@ def found(scan: LaserScan, radius: float) -> list[Detection]:
     return [one for one in every if one is not None and one.whole]
 
 
-def off(one: Detection, centre: complex) -> float:
-    """Distance of a detection from the true centre [m]."""
-    return abs(cmath.rect(one.distance, one.angle) - centre)
+AHEAD = scanned([(1.0 + 0.0j, 0.1)])
+"""A cylinder of 0.1 m, 1 m ahead."""
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.4, 1.5), st.sampled_from([0.035, 0.1]))
 def test_cylinder_is_found_where_it_is(angle: float, distance: float, radius: float) -> None:
     centre = cmath.rect(distance, angle)
     (one,) = found(scanned([(centre, radius)]), radius)
-    assert off(one, centre) < 0.01 + distance * math.radians(0.5)
+    assert abs(cmath.rect(one.distance, one.angle) - centre) < 0.01 + distance * math.radians(0.5)
 
 
 @pytest.mark.parametrize(("radius", "distance"), [(0.035, 1.0), (0.1, 1.0), (0.1, 2.0)])
@@ -78,23 +78,21 @@ def test_wider_and_narrower_cylinders_are_others() -> None:
 
 
 def test_partly_hidden_cylinder_is_not_used() -> None:
-    centre = 1.0 + 0.0j
-    assert len(found(scanned([(centre, 0.1)]), 0.1)) == 1
-    assert found(scanned([(centre, 0.1), (0.6 + 0.07j, 0.05)]), 0.1) == []
+    assert found(scanned([(1.0 + 0.0j, 0.1), (0.6 + 0.07j, 0.05)]), 0.1) == []
 
 
-def test_segment_across_the_first_beam_is_one() -> None:
-    divided = beams(scanned([(1.0 + 0.0j, 0.1)]))
+def test_segment_across_the_first_beam_is_one_of_expected_width() -> None:
+    divided = beams(AHEAD)
     (one,) = divided.segments
     assert (one.first, one.last) == (355, 365)
+    assert expected_beams(0.1, 1.0, math.tau / 360) == pytest.approx(11, abs=1.0)
     assert detection(one, divided, 0.1) is not None
 
 
 def test_half_turn_does_not_close() -> None:
-    whole = scanned([(1.0 + 0.0j, 0.1)])
-    half = LaserScan(0.0, 0.0, whole.angle_increment, 0.12, 3.5, whole.ranges[:180])
-    assert not beams(half).whole_turn
-    assert [one.last for one in beams(half).segments] == [5]
+    half = beams(replace(AHEAD, ranges=AHEAD.ranges[:180]))
+    assert not half.whole_turn
+    assert [one.last for one in half.segments] == [5]
 
 
 @pytest.mark.parametrize("increment", [math.tau / 360, -math.tau / 360])
@@ -113,15 +111,7 @@ def test_segments_in_a_direction_and_what_they_cover() -> None:
     assert list(around(divided, math.pi, 0.1)) == []
 
 
-def test_lost_beams_do_not_divide_a_cylinder() -> None:
-    whole = scanned([(1.0 + 0.0j, 0.1)])
-    for lost in (0.0, math.inf, math.nan):
-        ranges = list(whole.ranges)
-        ranges[2] = ranges[357] = lost
-        scan = LaserScan(0.0, 0.0, whole.angle_increment, 0.12, 3.5, tuple(ranges))
-        assert len(found(scan, 0.1)) == 1
-
-
-def test_expected_width_is_that_of_the_scan() -> None:
-    (one,) = beams(scanned([(1.0 + 0.0j, 0.1)])).segments
-    assert one.last - one.first + 1 == pytest.approx(expected_beams(0.1, 1.0, math.tau / 360), abs=1.0)
+@pytest.mark.parametrize("lost", [0.0, math.inf, math.nan])
+def test_lost_beams_do_not_divide_a_cylinder(lost: float) -> None:
+    ranges = [lost if number in {2, 357} else distance for number, distance in enumerate(AHEAD.ranges)]
+    assert len(found(replace(AHEAD, ranges=tuple(ranges)), 0.1)) == 1

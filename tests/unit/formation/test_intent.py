@@ -50,41 +50,52 @@ def gap(mission: Mission, placed_shape: PlacedShape) -> float:
 
 
 @pytest.mark.parametrize(
-    "request_",
+    "what",
     [
-        requested(do="shape", shape="wedge"),
-        requested(do="rotate", degrees=180.0),
-        requested(do="scale", factor=0.5),
-        requested(do="speed", speed=1.0, degrees=-90.0),
-        requested(do="route", legs=[{"speed": 1.0, "heading_deg": 0.0}]),
-        requested(do="stop"),
-        requested(do="release"),
+        {"do": "shape", "shape": "wedge"},
+        {"do": "rotate", "degrees": 180.0},
+        {"do": "scale", "factor": 0.5},
+        {"do": "speed", "speed": 1.0, "degrees": -90.0},
+        {"do": "route", "legs": [{"speed": 1.0, "heading_deg": 0.0}]},
+        {"do": "stop"},
+        {"do": "release"},
     ],
 )
-def test_what_can_be_done_is_not_refused(request_: OperatorRequest) -> None:
-    assert refusal(SIX, request_) is None
-    assert refusal(SIX, request_, FIRST) is None
+def test_what_can_be_done_is_not_refused(what: dict[str, Any]) -> None:
+    assert refusal(SIX, requested(**what)) is None
+    assert refusal(SIX, requested(**what), FIRST) is None
+
+
+TOO_FAST = "must be below robot2's max_speed of 1.5 m/s"
+
+
+def route(*legs: dict[str, Any]) -> dict[str, Any]:
+    return {"do": "route", "legs": legs}
 
 
 @pytest.mark.parametrize(
-    ("request_", "why"),
+    ("what", "why"),
     [
-        (requested(do="shape", shape="circle"), "shape 'circle': must be one of hexagon, wedge"),
+        ({"do": "shape", "shape": "circle"}, "shape 'circle': must be one of hexagon, wedge"),
+        ({"do": "speed", "speed": 2.0, "degrees": 0.0}, f"speed = 2 m/s: {TOO_FAST}"),
+        (route({"waypoints": [[1.0, 1.0]], "speed": 1.5}), f"route.0.speed = 1.5 m/s: {TOO_FAST}"),
         (
-            requested(do="speed", speed=2.0, degrees=0.0),
-            "speed = 2 m/s: must be below robot2's max_speed of 1.5 m/s",
+            route({"radius": 0.2, "speed": 0.1}),
+            "route.0.radius = 0.2 m: too tight for robot2; must be above 0.2 m",
         ),
         (
-            requested(do="route", legs=[{"waypoints": [[1.0, 1.0]], "speed": 1.5}]),
-            "route.0.speed = 1.5 m/s: must be below robot2's max_speed of 1.5 m/s",
+            route({"radius": 0.5, "speed": 1.2}),
+            "route.0.radius = 0.5 m: too tight for robot2; must be above 0.8 m",
+        ),
+        (
+            route({"speed": 0.1, "heading_deg": 0.0}, {"speed": 0.2, "heading_deg": 0.0}),
+            "route.0.duration: only the last leg may go without a duration [s]",
         ),
     ],
 )
-def test_impossible_request_is_refused_without_knowing_current_shape(
-    request_: OperatorRequest, why: str
-) -> None:
-    assert refusal(SIX, request_) == why
-    assert refusal(SIX, request_, FIRST) == why
+def test_impossible_request_is_refused_whatever_the_shape(what: dict[str, Any], why: str) -> None:
+    assert refusal(SIX, requested(**what)) == why
+    assert refusal(SIX, requested(**what), FIRST) == why
 
 
 def test_touching_scale_names_pair_and_smallest_legal_scale() -> None:
@@ -128,30 +139,9 @@ def test_request_is_granted_exactly_if_transition_is_free(shape: str, factor: fl
     assert why is None or len(why) <= MAX_REASON_CHARS
 
 
-@pytest.mark.parametrize(
-    ("legs", "why"),
-    [
-        (
-            [{"radius": 0.2, "speed": 0.1}],
-            "route.0.radius = 0.2 m: too tight for robot2; must be above 0.2 m",
-        ),
-        (
-            [{"radius": 0.5, "speed": 1.2}],
-            "route.0.radius = 0.5 m: too tight for robot2; must be above 0.8 m",
-        ),
-        (
-            [{"speed": 0.1, "heading_deg": 0.0}, {"speed": 0.2, "heading_deg": 0.0}],
-            "route.0.duration: only the last leg may go without a duration [s]",
-        ),
-    ],
-)
-def test_impossible_route_is_refused(legs: list[dict[str, float]], why: str) -> None:
-    assert refusal(SIX, requested(do="route", legs=legs)) == why
-
-
 def test_outermost_slot_of_turning_shape_has_speed_limit() -> None:
     turning = SIX.model_copy(update={"turning": True})
-    circle = requested(do="route", legs=[{"radius": 2.0, "speed": 1.0, "turn": "right"}])
+    circle = requested(**route({"radius": 2.0, "speed": 1.0, "turn": "right"}))
     upright = PlacedShape((("hexagon", 1.0),))
     assert refusal(SIX, circle, upright) is None
     assert refusal(turning, circle, upright) == (
@@ -164,12 +154,12 @@ def test_outermost_slot_of_turning_shape_has_speed_limit() -> None:
 
 
 def test_check_says_beforehand_which_shapes_cannot_turn_with_the_leader() -> None:
-    route = (Circle(radius=2.0, speed=1.0),)
-    turning = SIX.model_copy(update={"turning": True, "route": route})
+    upright = SIX.model_copy(update={"route": (Circle(radius=2.0, speed=1.0),)})
+    turning = upright.model_copy(update={"turning": True})
     (hexagon, wedge) = (one for one in problems(turning) if "swing" in one)
     assert hexagon.startswith("shapes.hexagon: robot2's slot would swing at ")
     assert wedge.startswith("shapes.wedge: ")
-    assert not [one for one in problems(SIX.model_copy(update={"route": route})) if "swing" in one]
+    assert not [one for one in problems(upright) if "swing" in one]
 
 
 @pytest.mark.parametrize("count", [30, *slow(100)])
@@ -188,71 +178,53 @@ def test_a_hundred_stable_gains_of_a_hundred_are_accepted() -> None:
     assert sum(near for _, _, near in drawn_ones) > 20
 
 
+def settles(mission: Mission, k_p: float, k_i: float) -> bool:
+    """Whether the loop does, sampled at the robots' rate."""
+    period = 1.0 / mission.robots[mission.followers[0]].rate
+    return held(mission, Tuned(k_p=k_p, k_i=k_i), period) < 1.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [1.0 - MARGIN, 1.0 + MARGIN])
 def test_gains_are_refused_exactly_where_the_sampled_loop_no_longer_settles(side: float) -> None:
     random, judged = np.random.default_rng(9), 0
     while judged < 100:
         mission = drawn(random, float(random.uniform(2.0, 50.0)), kind="paper")
-        period = 1.0 / mission.robots[mission.followers[0]].rate
         k_i = float(10.0 ** random.uniform(-2.0, 0.5))
-        fits = [
-            k_p
-            for k_p in np.geomspace(0.01, 100.0, 300).tolist()
-            if held(mission, Tuned(k_p=k_p, k_i=k_i), period) < 1.0
-        ]
+        fits = [k_p for k_p in np.geomspace(0.01, 100.0, 300).tolist() if settles(mission, k_p, k_i)]
         if not fits:
             continue
         low, high = fits[-1], fits[-1] * 1.1
         for _ in range(40):
             middle = 0.5 * (low + high)
-            settles = held(mission, Tuned(k_p=middle, k_i=k_i), period) < 1.0
-            low, high = (middle, high) if settles else (low, middle)
+            low, high = (middle, high) if settles(mission, middle, k_i) else (low, middle)
         why = tuning.refusal(mission, Tuned(k_p=low * side, k_i=k_i))
         assert (why is None) == (side < 1.0)
         judged += 1
+
+
+RING, PAPER = scenarios.ring(12, k_i=0.1, kind="paper"), SIX.under("paper")
+TOO_SLOW = "overshoots at robot2's 20 Hz"
 
 
 @pytest.mark.parametrize(
     ("mission", "typed", "why"),
     [
         (
-            scenarios.ring(12, k_i=0.1, kind="paper"),
+            RING,
             {"k_i": 30.0},
             r"k_i = 30: unstable, eigenvalue 0\.\d+\+0\.\d+i needs k_i < \d+\.?\d* at k_p = 2",
         ),
-        (
-            scenarios.ring(12, k_i=0.1, kind="paper"),
-            {"k_p": 0.01},
-            r"k_p = 0\.01: unstable, eigenvalue \S+ needs k_p > [\d.]+ at k_i = 0\.1",
-        ),
-        (
-            SIX,
-            {"k_p": 60.0},
-            r"k_p = 60: overshoots at robot2's 20 Hz, eigenvalue 1 needs k_p < 39.9 at k_i = 0",
-        ),
-        (
-            SIX.under("paper"),
-            {"k_p": 60.0},
-            r"k_p = 60: overshoots at robot2's 20 Hz, eigenvalue 2 needs k_p < 20 at k_i = .*",
-        ),
-        (
-            SIX.under("paper"),
-            {"k_i": 50.0},
-            r"k_i = 50: overshoots at robot2's 20 Hz, eigenvalue \d needs k_i < [\d.]+ at k_p = 2",
-        ),
-        (SIX.under("paper"), {"k_p": 1e-3}, r"k_p = 0.001: overshoots .* needs k_p > .*"),
-        (
-            SIX.under("paper"),
-            {"k_p": 900.0, "k_i": 900.0},
-            r".*no k_p or k_i will do without the other|.*needs .*",
-        ),
+        (RING, {"k_p": 0.01}, r"k_p = 0\.01: unstable, eigenvalue \S+ needs k_p > [\d.]+ at k_i = 0\.1"),
+        (SIX, {"k_p": 60.0}, rf"k_p = 60: {TOO_SLOW}, eigenvalue 1 needs k_p < 39.9 at k_i = 0"),
+        (PAPER, {"k_p": 60.0}, rf"k_p = 60: {TOO_SLOW}, eigenvalue 2 needs k_p < 20 at k_i = .*"),
+        (PAPER, {"k_i": 50.0}, rf"k_i = 50: {TOO_SLOW}, eigenvalue \d needs k_i < [\d.]+ at k_p = 2"),
+        (PAPER, {"k_p": 1e-3}, r"k_p = 0.001: overshoots .* needs k_p > .*"),
+        (PAPER, {"k_p": 900.0, "k_i": 900.0}, r".*no k_p or k_i will do without the other|.*needs .*"),
     ],
 )
-def test_a_refusal_names_the_gain_the_eigenvalue_and_the_legal_range(
-    mission: Mission, typed: dict[str, float], why: str
-) -> None:
-    request = OperatorRequest.model_validate({"do": "tune", **typed})
+def test_refusal_names_eigenvalue_and_range(mission: Mission, typed: dict[str, float], why: str) -> None:
+    request = requested(do="tune", **typed)
     wanted = intent.tuned(request, Tuned(k_p=mission.gains.k_p, k_i=mission.gains.k_i))
     result = intent.refusal(mission, request, gains=wanted)
     assert result is not None
@@ -278,10 +250,8 @@ def test_velocities_fed_forward_round_a_cycle_are_looked_at_as_well() -> None:
 
 
 def test_refusal_of_large_cycle_names_pole_without_range() -> None:
-    size = 40
-    around = np.concatenate([[0.0], 10.0 * np.exp(2j * np.pi * np.arange(size) / size)])
-    neighbours = ((), (0, size), *((i,) for i in range(1, size)))
-    mission = scenarios.build(around, neighbours)
+    around = np.concatenate([[0.0], 10.0 * np.exp(2j * np.pi * np.arange(40) / 40)])
+    mission = scenarios.build(around, ((), (0, 40), *((i,) for i in range(1, 40))))
     why = tuning.refusal(mission, Tuned(k_p=2.0, k_i=0.0))
     assert why is not None
     assert re.fullmatch(
@@ -292,17 +262,14 @@ def test_refusal_of_large_cycle_names_pole_without_range() -> None:
 def test_the_loop_without_an_integral_is_judged_by_its_positions_alone() -> None:
     assert tuning.refusal(SIX, Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(scenarios.ring(6), Tuned(k_p=2.0, k_i=0.0)) is None
-    assert tuning.refusal(SIX.under("paper"), Tuned(k_p=30.0, k_i=0.0)) is not None
+    assert tuning.refusal(PAPER, Tuned(k_p=30.0, k_i=0.0)) is not None
     assert tuning.refusal(SIX, Tuned(k_p=45.0, k_i=50.0)) is not None
     assert tuning.refusal(SIX, Tuned(k_p=30.0, k_i=50.0)) is None
 
 
-def test_requests_have_unique_ids_and_known_shapes() -> None:
+def test_requests_have_unique_ids_and_keep_their_shape() -> None:
     assert len({request_for(SIX, "stop").id for _ in range(10)}) == 10
     assert request_for(SIX, "shape", shape="wedge").shape == "wedge"
-    for shape in (None, "circle", ""):
-        with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
-            request_for(SIX, "shape", shape=shape)
 
 
 @pytest.mark.parametrize(
@@ -315,10 +282,15 @@ def test_requests_have_unique_ids_and_known_shapes() -> None:
         ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
         ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
         ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
+        *(("shape", {"shape": shape}, "must be one of hexagon, wedge") for shape in (None, "circle", "")),
+        *(
+            ("tune", {"k_p": wrong}, r"tune: k_p = .*: must be")
+            for wrong in (0.0, -1.0, 1e-4, 1001.0, math.inf, math.nan)
+        ),
     ],
 )
 def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], output: str) -> None:
-    with pytest.raises(ValueError, match=output.replace("(", r"\(")):
+    with pytest.raises(ValueError, match=output):
         request_for(SIX, do, **what)
 
 
@@ -330,16 +302,9 @@ def test_route_above_the_size_limit_is_not_sent() -> None:
 
 
 def test_single_gain_is_left_to_the_leader_to_judge() -> None:
-    paper = SIX.under("paper")
-    assert request_for(paper, "tune", k_i=50.0).k_i == 50.0  # its leader may have k_p = 10 by now
+    assert request_for(PAPER, "tune", k_i=50.0).k_i == 50.0  # its leader may have k_p = 10 by now
     with pytest.raises(ValueError, match="k_i = 50: overshoots"):
-        request_for(paper, "tune", k_i=50.0, k_p=2.0)
-
-
-@pytest.mark.parametrize("wrong", [0.0, -1.0, 1e-4, 1001.0, math.inf, math.nan])
-def test_a_gain_that_is_none_is_no_request(wrong: float) -> None:
-    with pytest.raises(ValueError, match=r"tune: k_p = .*: must be"):
-        request_for(SIX, "tune", k_p=wrong)
+        request_for(PAPER, "tune", k_i=50.0, k_p=2.0)
 
 
 @pytest.mark.slow
@@ -355,7 +320,7 @@ def test_what_a_leader_may_order_every_robot_can_bear(seed: int, rate: float, k_
 
 
 @given(seed=st.integers(0, 2**32), ends=st.tuples(*[st.floats(-2.0, 2.0)] * 4), part=st.floats(0.0, 1.0))
-def test_straight_between_stable_gains_all_are_stable(
+def test_gains_between_stable_ones_are_stable(
     seed: int, ends: tuple[float, float, float, float], part: float
 ) -> None:
     mu = spectrum.laplacian(drawn(np.random.default_rng(seed)).graph)

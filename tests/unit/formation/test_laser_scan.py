@@ -17,30 +17,23 @@ from tests.unit.formation.examples import NOW
 
 DEGREE = math.radians(1.0)
 SCAN = LaserScan(NOW, 0.0, DEGREE, 0.12, 3.5, (1.0,) * 360, scan_time=0.2)
-FIELDS = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
+LDS_01 = {
+    "angle_min": 0.0,
+    "angle_max": 2.0 * math.pi,
+    "angle_increment": DEGREE,
+    "time_increment": 0.2 / 360,
+    "scan_time": 0.0,
+    "range_min": 0.12,
+    "range_max": 3.5,
+}
 
 
 def as_sent(little_endian: bool = True, **fields: Any) -> bytes:
     """What a driver sends that fills the fields as an LDS-01's does, but for `fields`."""
-    lds = (0.0, 2.0 * math.pi, DEGREE, 0.2 / 360, 0.0, 0.12, 3.5)
-    numbers = {**dict(zip(FIELDS, lds, strict=True)), **{k: v for k, v in fields.items() if k in FIELDS}}
-    ranges = np.array(fields.get("ranges", [1.0] * 360), np.float32)
-    intensities = np.array(fields.get("intensities", [50.0] * len(ranges)), np.float32)
-    raw = by_rosbags.make(
-        LaserScan.ROS_TYPE,
-        by_rosbags.header(NOW, "base_scan"),
-        *(numbers[name] for name in FIELDS),
-        ranges,
-        intensities,
-    )
+    ranges = np.array(fields.pop("ranges", [1.0] * 360), np.float32)
+    intensities = np.array(fields.pop("intensities", [50.0] * len(ranges)), np.float32)
+    header, numbers = by_rosbags.header(NOW, "base_scan"), (LDS_01 | fields).values()
+    raw = by_rosbags.make(LaserScan.ROS_TYPE, header, *numbers, ranges, intensities)
     return bytes(by_rosbags.STORE.serialize_cdr(raw, LaserScan.ROS_TYPE, little_endian=little_endian))
 
 
@@ -70,7 +63,7 @@ def test_beams_that_say_nothing_make_no_bad_scan() -> None:
 @pytest.mark.parametrize(
     ("field", "number", "reason"),
     [
-        *[(field, number, "") for field in FIELDS for number in (math.nan, math.inf, -math.inf)],
+        *[(field, number, "") for field in LDS_01 for number in (math.nan, math.inf, -math.inf)],
         ("angle_increment", 0.0, "angle increment is 0"),
         ("angle_increment", 1e-6, "angle increment"),
         ("angle_increment", 2 * DEGREE, "one full turn"),
