@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from formation.control.controller import Gains, Limits, Measured
 from formation.control.plane import rotation
 from formation.control.unicycle import advance
 from tests.campaigns.bench.yardstick_laws import FOLLOWER, PREDICTIVE
-from tests.campaigns.bench.yardstick_page import better, page, words
+from tests.campaigns.bench.yardstick_page import better, words
 from tests.campaigns.bench.yardstick_trials import LAW, SCENARIOS, SETTLED, STEP, STRIDE, figures
-from tests.campaigns.document import DOCS
 
 LIMITS = Limits(0.2, 1.5, 1.5)
 
@@ -89,8 +87,3 @@ def test_page_names_where_another_law_is_better() -> None:
     laws["predictive"]["cells"] = {**laws["predictive"]["cells"], "circle": {**cell, "median": 2.0}}
     expected = [("circle", "predictive", "median settling 2.0 instead of 3.0 s")]
     assert list(better(laws)) == expected
-
-
-def test_committed_page_is_made_of_its_figures() -> None:
-    found = json.loads((DOCS / "yardstick.json").read_text(encoding="utf-8"))["yardstick"]
-    assert page(found) == (DOCS / "yardstick.md").read_text(encoding="utf-8")

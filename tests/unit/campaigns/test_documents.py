@@ -1,0 +1,38 @@
+"""The pages in docs/ are those that campaigns make of the committed figures."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.campaigns.bench.__main__ import document
+from tests.campaigns.bench.yardstick_page import page
+from tests.campaigns.document import DOCS
+
+
+def committed(name: str) -> str:
+    return (DOCS / f"{name}.md").read_text(encoding="utf-8")
+
+
+def figures(name: str) -> Any:
+    return json.loads((DOCS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("campaign", ["reliability", "safety"])
+def test_page_of_parts_is_made_of_its_figures(campaign: str, tmp_path: Path) -> None:
+    shutil.copy(DOCS / f"{campaign}.json", tmp_path)
+    import_module(f"tests.campaigns.{campaign}.__main__").write({}, tmp_path)
+    assert (tmp_path / f"{campaign}.md").read_text(encoding="utf-8") == committed(campaign)
+
+
+def test_page_of_benchmarks_is_made_of_its_figures() -> None:
+    assert document(figures("benchmarks")) == committed("benchmarks")
+
+
+def test_page_of_the_yardstick_is_made_of_its_figures() -> None:
+    assert page(figures("yardstick")["yardstick"]) == committed("yardstick")
