@@ -25,7 +25,7 @@ def along(heading: complex, distance: float, turn: float) -> tuple[Travel, compl
 
 
 @given(headings, vectors, ways, gains)
-def test_the_error_turns_with_the_robot_and_falls_by_the_distance_travelled(
+def test_error_turns_with_the_robot_and_falls_by_distance(
     heading: complex, estimate: complex, way: list[tuple[float, float]], gain: float
 ) -> None:
     """Forwards and backwards, however the way is cut into intervals."""
