@@ -51,20 +51,10 @@ def numbers(due: Sequence[Due]) -> list[int]:
 
 
 def played(player: Player, since: float, until: float) -> list[Due]:
-    """Everything that comes from one time of the clock to another."""
-    found: list[Due] = []
+    """Everything that comes from one time of the clock to another, taken ten times a second."""
     steps = round((until - since) / 0.1)
-    for step in range(steps + 1):
-        found += player.next_batch(since + (until - since) * step / max(steps, 1), MANY).due
-    return found
-
-
-def all_due(player: Player, mono: float) -> list[Due]:
-    """Everything that is due, and whatever passing over takes."""
-    found = player.next_batch(mono, MANY).due
-    while player.seeking:
-        found += player.next_batch(mono, MANY).due
-    return found
+    times = [since + (until - since) * step / max(steps, 1) for step in range(steps + 1)]
+    return [due for mono in times for due in player.next_batch(mono, MANY).due]
 
 
 def test_messages_come_when_their_time_has_come() -> None:
@@ -142,23 +132,19 @@ def test_in_a_long_recording_figures_are_built_from_a_stretch_before() -> None:
 def test_long_seek_takes_many_steps_with_clock_paused() -> None:
     player = Player(reel(), 0.0)
     player.seek(START + 9.0)
-    steps = 0
-    while player.seeking:
-        assert player.goal == START + 9.0
-        player.next_batch(float(steps), 5)
-        steps += 1
-    assert steps == 8
-    assert player.position == START + 9.0
+    for step in range(8):
+        assert (player.seeking, player.goal) == (True, START + 9.0)
+        player.next_batch(float(step), 5)
+    assert (player.seeking, player.position) == (False, START + 9.0)
 
 
 def test_a_seek_ends_at_the_ends_of_the_recording() -> None:
     player = Player(reel(), 0.0)
     player.seek(START + 1e9)
-    all_due(player, 0.0)
-    assert player.position == START + 10.0
-    assert player.finished
+    player.next_batch(0.0, MANY)
+    assert (player.position, player.finished) == (START + 10.0, True)
     player.seek(-1e9)
-    assert numbers(all_due(player, 0.0)) == [0]
+    assert numbers(player.next_batch(0.0, MANY).due) == [0]
     assert player.position == START
 
 
@@ -201,12 +187,9 @@ def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
 def test_a_short_delay_is_caught_up_with() -> None:
     player = Player(reel(), 0.0)
     player.next_batch(0.0, MANY)
-    assert numbers(player.next_batch(0.6, 1).due) == [1]
-    assert player.behind == pytest.approx(0.35)
-    assert numbers(player.next_batch(0.7, MANY).due) == [2]
-    assert player.behind == pytest.approx(0.2)
-    assert numbers(player.next_batch(0.8, MANY).due) == [3]
-    assert player.behind == pytest.approx(0.05)
+    for mono, most, number, behind in ((0.6, 1, 1, 0.35), (0.7, MANY, 2, 0.2), (0.8, MANY, 3, 0.05)):
+        assert numbers(player.next_batch(mono, most).due) == [number]
+        assert player.behind == pytest.approx(behind)
     assert player.lost == 0.0
 
 
