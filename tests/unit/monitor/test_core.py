@@ -30,21 +30,17 @@ from formation.topics import (
     Topic,
 )
 from formation.transport import wiring
-from formation.wire import Sample
+from formation.wire import Outgoing, Sample
 from tests.support.missions import with_robots
 from tests.support.monitored import Fleet, command, now, odometry, status
 from tests.support.mutations import mutated
 
 
 def test_the_error_is_published_ten_times_a_second_and_diagnostics_once() -> None:
-    fleet = Fleet()
-    monitor = Monitor(fleet.mission)
-    samples = fleet.positions(10.0, 20.0)
-    outbox = []
+    monitor, samples, outbox = Monitor(Fleet().mission), Fleet().positions(10.0, 20.0), list[Outgoing]()
     for tick in range(500):
         mono = 10.0 + tick / 50
-        inbox = [s for s in samples if mono - 0.02 < s.arrived <= mono]
-        outbox += monitor.step(now(mono), inbox)
+        outbox += monitor.step(now(mono), [s for s in samples if mono - 0.02 < s.arrived <= mono])
     errors = [decode(Number, out.payload).value for out in outbox if out.key == ERROR.key()]
     assert 98 <= len(errors) <= 100
     assert max(errors) < 1e-9
@@ -52,9 +48,7 @@ def test_the_error_is_published_ten_times_a_second_and_diagnostics_once() -> Non
 
 
 def test_an_error_that_is_not_known_is_not_published() -> None:
-    fleet = Fleet()
-    monitor = Monitor(fleet.mission)
-    outbox = monitor.step(now(11.0), fleet.positions(10.0, 11.0, without="robot4"))
+    outbox = Monitor(Fleet().mission).step(now(11.0), Fleet().positions(10.0, 11.0, without="robot4"))
     assert {out.key for out in outbox} == {DIAGNOSTICS.key(), EVENTS.key()}
     (message,) = (decode(Diagnostics, out.payload) for out in outbox if out.key == DIAGNOSTICS.key())
     assert message.statuses[0].values["error"] == "unknown"
@@ -74,10 +68,11 @@ def test_status_and_ground_truth_are_subscribed_to_last() -> None:
 def test_subscriptions_are_spelled_out_and_no_robot_is_missing() -> None:
     mission = load("two_chains")
     keys = Monitor(mission).subscriptions
-    assert not [key for key in keys if "*" in key]
+    assert "*" not in "".join(keys)
     assert len(set(keys)) == len(keys)
-    for name in mission.followers:
-        assert {ODOM.key(name), CMD_VEL.key(name), SCAN.key(name), STATUS.key(name)} <= set(keys)
+    assert set(keys) >= {
+        topic.key(name) for name in mission.followers for topic in (ODOM, CMD_VEL, SCAN, STATUS)
+    }
 
 
 @pytest.mark.parametrize(
