@@ -12,8 +12,7 @@ import pytest
 from formation.mission.file import load, parse, read
 from formation.monitor.core import MAX_EVENTS, Monitor
 from formation.monitor.metrics.event import Event
-from formation.monitor.metrics.keys import OWN, given_stage, usual_stage, watched
-from formation.monitor.metrics.words import line
+from formation.monitor.metrics.keys import given_stage, usual_stage, watched
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
     ALIVE,
@@ -52,10 +51,6 @@ def test_an_error_that_is_not_known_is_not_published() -> None:
     assert {out.key for out in outbox} == {DIAGNOSTICS.key(), EVENTS.key()}
     (message,) = (decode(Diagnostics, out.payload) for out in outbox if out.key == DIAGNOSTICS.key())
     assert message.statuses[0].values["error"] == "unknown"
-
-
-def test_no_key_that_it_publishes_is_a_robots() -> None:
-    assert [one.key for one in OWN] == ["formation/error", "formation/diagnostics", "formation/events"]
 
 
 def test_status_and_ground_truth_are_subscribed_to_last() -> None:
@@ -97,18 +92,6 @@ def test_truth_is_subscribed_only_for_simulated_robots() -> None:
     assert monitor.truths == tuple((GROUND_TRUTH, GROUND_TRUTH.key(name)) for name in ("robot3", "robot5"))
     assert Monitor(mission).truths == ()
     assert not [key for key in monitor.subscriptions if GROUND_TRUTH.name in key]
-
-
-def test_without_simulated_robots_only_truth_is_missing() -> None:
-    fleet = Fleet()
-    monitor = Monitor(fleet.mission)
-    monitor.step(now(11.0), fleet.positions(10.0, 11.0))
-    snapshot = monitor.metrics.snapshot(now(11.0))
-    assert snapshot.formation_error == pytest.approx(0.0, abs=1e-9)
-    assert snapshot.formation_error_true is None
-    assert {robot.heading_error for robot in snapshot.robots.values()} == {None}
-    assert (snapshot.missed, dict(snapshot.rejected)) == (0, {})
-    assert "true" not in line(snapshot)
 
 
 @pytest.mark.parametrize(

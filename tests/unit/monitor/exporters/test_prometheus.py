@@ -9,7 +9,6 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as plain
 
 from formation.monitor.exporters.prometheus import exposition
-from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from tests.support.monitored import Fleet, command, now, received, status
 
@@ -101,10 +100,3 @@ def test_open_metrics_is_served_on_request() -> None:
     assert kind.startswith("application/openmetrics-text")
     names = {family.name for family in open_metrics(text.decode())}  # type: ignore[no-untyped-call]
     assert names == set(families(seen(), RECORDING))
-
-
-def test_reasons_with_signs_of_their_own_stay_one_label() -> None:
-    metrics = Metrics(Fleet().mission)
-    metrics.rejections.count("robot2/position", 'said "\\n" {a="b"}\nand more')
-    samples = families(metrics.snapshot(now(0.0)))["formation_messages_rejected"].samples
-    assert [sample.labels["reason"] for sample in samples] == ['said "\\n" {a="b"}\nand more']

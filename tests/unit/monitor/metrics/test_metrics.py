@@ -143,18 +143,6 @@ def test_every_shipped_mission_can_be_watched(mission: str) -> None:
     assert metrics.observe(now(11.0)) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_robots_are_shown_where_they_are_compared() -> None:
-    fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
-    metrics = received(fleet, *fleet.positions(10.0, 11.0, without="robot5"))
-    moment, placed = metrics.placed(now(11.0))
-    assert 10.9 < moment - EPOCH <= 11.0
-    assert set(placed) == set(fleet.mission.names) - {"robot5"}
-    for name, place in placed.items():
-        assert place.moment == moment
-        assert place.point == pytest.approx(fleet.point(name, moment - EPOCH), abs=1e-9)
-    assert set(metrics.placed(now(11.0), truly=True)[1]) == {"robot1"}  # of the others no truth was received
-
-
 @pytest.mark.parametrize("hours", [-1.0, 1.0])
 def test_robots_are_still_seen_when_our_clock_was_set(hours: float) -> None:
     fleet, offset = Fleet(), EPOCH + 3600.0 * hours

@@ -111,12 +111,6 @@ def test_known_error_equals_total_while_all_are_fresh() -> None:
     assert seen.known_verdict.converged is seen.converged is True
 
 
-def test_robot_that_was_never_heard_is_named() -> None:
-    seen = watched(15.0, gone=0.0)
-    assert seen.known.words == "7 of 9 edges; 2 unknown (nothing from robot6 yet)"
-    assert seen.known_verdict.converged
-
-
 def test_edges_of_a_robot_that_returns_count_again() -> None:
     fleet = Fleet()
     metrics = driven(fleet, 16.0, silent="robot6", gone=12.0)

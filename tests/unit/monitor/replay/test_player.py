@@ -1,17 +1,29 @@
-"""Playing a recording on a clock that a test turns: what comes, in which order, and where one is."""
+"""Playing a recording on a clock that a test turns, and a recording as what is played."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.monitor.recording.reader import Recorded
-from formation.monitor.replay.player import MAX_CATCH_UP_TIME, MAX_SPEED, MIN_SPEED, Due, Player
+from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, read
+from formation.monitor.replay import player
+from formation.monitor.replay.player import (
+    MAX_CATCH_UP_TIME,
+    MAX_SPEED,
+    MIN_RECORDING_TIME,
+    MIN_SPEED,
+    Due,
+    Film,
+    Player,
+)
 from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet
+from tests.unit.monitor.recording.test_recorder import record
 
 START = 1000.0
 PERIOD = 0.25
@@ -199,11 +211,6 @@ def test_a_stretch_without_messages_is_no_delay() -> None:
     assert player.lost == 0.0
 
 
-def test_unordered_messages_are_played_in_file_order() -> None:
-    player = Player(Reel([START, START + 1.0, START + 0.99, START + 2.0]), 0.0)
-    assert numbers(played(player, 0.0, 1.0)) == [0, 1, 2]
-
-
 def test_one_message_is_a_recording() -> None:
     player = Player(Reel([START]), 0.0)
     assert numbers(player.next_batch(0.0, MANY).due) == [0]
@@ -272,3 +279,29 @@ def test_messages_keep_order_and_repeat_only_after_seek(
                 assert player.position >= before
             sought = sought and player.seeking
         assert film.start <= player.position <= film.end
+
+
+@pytest.mark.parametrize("since", [0.0, 10.0, 13.37, 16.0, 18.0, 30.0])
+def test_film_starts_at_any_moment(recording: Recording, since: float) -> None:
+    film, every = Film(recording), list(recording.messages())
+    assert (film.start, film.end) == pytest.approx((every[0].wall, every[-1].wall))
+    assert list(film.messages(EPOCH + since)) == [one for one in every if one.wall >= EPOCH + since]
+
+
+def test_short_recording_is_rebuilt_completely_and_long_partly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record(tmp_path / "run.mcap", Fleet().positions(10.0, 50.0), flush=True)
+    recording = read(tmp_path / "run.mcap")
+    one = Film(recording)
+    assert one.stretch == one.end - one.start
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", recording.extent().counts.total() * 3 // 4)
+    assert Film(recording).stretch == pytest.approx(30.0, rel=0.01)
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", 1)
+    assert Film(recording).stretch == MIN_RECORDING_TIME
+
+
+def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", [])
+    with pytest.raises(UnreadableError, match="has no messages"):
+        Film(read(tmp_path / "run.mcap"))

@@ -130,16 +130,6 @@ def history() -> History:
     return kept
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF")])
-def test_the_suffix_says_how_the_figure_is_written(
-    history: History, tmp_path: Path, suffix: str, start: bytes
-) -> None:
-    path = tmp_path / f"figure.{suffix}"
-    drawing.draw(history, path)
-    assert path.read_bytes().startswith(start)
-
-
 def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
     drawing.draw(history, path)
