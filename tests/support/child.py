@@ -108,17 +108,13 @@ def niced(nice: int) -> tuple[str, ...]:
 def started(module: str, *arguments: str, nice: int = 0) -> Iterator[Child]:
     """A child that is killed at the end, if it still lives."""
     child = Child(module, *arguments, nice=nice)
-    try:
-        yield child
-    finally:
-        if child.process.poll() is None:
+    with child.process:  # which waits for it and closes its streams
+        try:
+            yield child
+        finally:
             child.process.kill()
-        child.process.wait()
-        for reader in child._readers:
-            reader.join(PATIENCE)
-        for stream in (child.process.stdout, child.process.stderr):
-            if stream is not None:
-                stream.close()
+            for reader in child._readers:
+                reader.join(PATIENCE)
 
 
 def free_endpoint() -> str:

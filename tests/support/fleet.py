@@ -310,15 +310,12 @@ class Fleet:
 
     def points(self) -> list[complex]:
         """The leader, and the robots' control points as they really are, now [m; world frame]."""
-        points = [self._leader_position()]
+        points = [self.in_charge.where(self.now)]
         for name in self.mission.followers:
             robot = self.world._hosted[name]
             robot.go_to(self.now)
             points.append(robot.control_point)
         return points
-
-    def _leader_position(self) -> complex:
-        return self.in_charge.where(self.now)
 
     def _note_leader_terms(self) -> None:
         leaders = self.leaders

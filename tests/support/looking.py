@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import httpx
 
 from formation.mission.file import load
-from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind
@@ -20,7 +19,7 @@ from formation.monitor.web.routes import Control, Steer
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
 from tests.support.child import PATIENCE
-from tests.support.monitored import Fleet, now, receive
+from tests.support.monitored import Fleet, now, received
 
 MISSION = load("six_robots")
 ANY = Bind(port=0)
@@ -43,9 +42,7 @@ def source(**about: Any) -> Source:
 
 def seen() -> Snapshot:
     """A fleet that has been received for a second."""
-    fleet = Fleet()
-    metrics = Metrics(fleet.mission)
-    receive(metrics, fleet.positions(10.0, 11.0))
+    metrics = received(Fleet(), *Fleet().positions(10.0, 11.0))
     metrics.observe(now(11.0))
     return metrics.snapshot(now(11.0))
 

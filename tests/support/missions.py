@@ -72,13 +72,9 @@ def with_robots(name: str, **keys: str | float) -> Mission:
 
 def with_keys(text: str, **keys: str | float) -> str:
     """A mission's `text` with these keys in its [robot] table, whatever stood there."""
-    lines: list[str] = []
-    for line in text.split("\n"):
-        if line.split("=")[0].strip() not in keys:
-            lines.append(line)
-        if line.startswith("[robot]"):
-            lines += [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    return "\n".join(lines)
+    stated = "\n".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
+    kept = (line for line in text.split("\n") if line.split("=")[0].strip() not in keys)
+    return "\n".join(f"{line}\n{stated}" if line.startswith("[robot]") else line for line in kept)
 
 
 def team(

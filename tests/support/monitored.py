@@ -18,16 +18,7 @@ from formation.protocol.order import Mode, Order, PositionAttachment
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, AgentStatus, AnyStatus, LeaderState, LeaderStatus
 from formation.protocol.status_codec import to_message
-from formation.ros2.messages import (
-    LogEntry,
-    Message,
-    Odometry,
-    Pose,
-    Twist,
-    TwistStamped,
-    decode,
-    encode,
-)
+from formation.ros2.messages import LogEntry, Message, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.slots.shape import PlacedShape
 from formation.topics import CMD_VEL, EVENTS, GROUND_TRUTH, ODOM, POSITION, STATUS
 from formation.wire import Now, Sample

@@ -109,14 +109,9 @@ class Team(RecordedFleet):
 def turning_back(name: str = "six_robots", after: float = 12.0, **keys: str | float) -> Mission:
     """A shipped mission whose leader turns by 130 degrees; with these keys in its [robot] table."""
     head, _, tail = read(name)[0].partition("[[route]]")
+    _, table, rest = tail.partition("[simulation]")
     legs = "[[route]]\nspeed = 0.2\nheading_deg = {}\nduration = {}\n\n"
-    text = (
-        head
-        + legs.format(30, after)
-        + legs.format(160, 1e4)
-        + "[simulation]"
-        + tail.partition("[simulation]")[2]
-    )
+    text = f"{head}{legs.format(30, after)}{legs.format(160, 1e4)}{table}{rest}"
     return parse(with_keys(text, **keys))
 
 

@@ -48,11 +48,8 @@ def identity(pair: Pair, trusted: Pair | None = None) -> Identity:
     """Its files."""
     stem = f"{pair.certificate.serial_number:x}"
     files = [folder() / f"{stem}.{part}.pem" for part in ("ca", "key", "certificate")]
-    for file, content in zip(
-        files,
-        ((trusted or team_authority()).certificate_pem, pair.key_pem, pair.certificate_pem),
-        strict=True,
-    ):
+    contents = ((trusted or team_authority()).certificate_pem, pair.key_pem, pair.certificate_pem)
+    for file, content in zip(files, contents, strict=True):
         file.write_bytes(content)
     return Identity(*files)
 

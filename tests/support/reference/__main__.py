@@ -5,13 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from tests.support.reference import commands, mission_keys, states
 
-PAGES: Mapping[str, Callable[[], str]] = MappingProxyType(
-    {"mission-keys.md": mission_keys.page, "commands.md": commands.page, "states.md": states.page}
-)
+PAGES: Mapping[str, Callable[[], str]] = {
+    "mission-keys.md": mission_keys.page, "commands.md": commands.page, "states.md": states.page,
+}  # fmt: skip
 REGENERATE = "python3 deploy/env.py python -m tests.support.reference"
 """Writes them all, in a clone of the repository."""
 

@@ -58,10 +58,7 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("no own position yet", [_with(silence=NEVER)]),
     ("own position silent for longer than three periods", [_with(silence=1.0)]),
     ("own position too old on arrival", [_with(too_old=True, age=1.0, age_limit=0.5), _with(too_old=True)]),
-    (
-        "own position jumped",
-        _because("jumped", Code.POSITION_JUMPED, Code.HEADING_JUMPED, Code.RELOCALISED),
-    ),
+    ("own position jumped", _because("jumped", Code.POSITION_JUMPED, Code.HEADING_JUMPED, Code.RELOCALISED)),
     (
         "own position not credible",
         _because(

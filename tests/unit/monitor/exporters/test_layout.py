@@ -8,13 +8,14 @@ from typing import Any
 import foxglove.layouts as theirs
 import pytest
 
-from formation.mission.file import load, parse, read
+from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.monitor.exporters.layout import layout, text
 from formation.monitor.metrics.keys import OWN, watched
+from tests.support.missions import with_robots
 from tests.unit.formation.by_rosbags import STORE
 
-MISSIONS = ("six_robots", "turtlebot3_pair", "two_chains")
+NAMES = ["six_robots", "turtlebot3_pair", "two_chains"]
 TYPES: dict[str, type[Any]] = {
     "3D": theirs.ThreeDeeConfig,
     "Plot": theirs.PlotConfig,
@@ -24,63 +25,58 @@ TYPES: dict[str, type[Any]] = {
 """What may be set in a panel, by what a layout file calls its type, as Foxglove's own SDK has it."""
 
 
+@pytest.fixture(params=NAMES)
+def mission(request: pytest.FixtureRequest) -> Mission:
+    return load(request.param)
+
+
 def leaves(node: Any) -> Iterator[str]:
     if isinstance(node, str):
         yield node
-    else:
-        assert set(node) == {"direction", "first", "second", "splitPercentage"}
-        assert node["direction"] in {"row", "column"}
-        assert 0 < node["splitPercentage"] < 100
-        yield from leaves(node["first"])
-        yield from leaves(node["second"])
+        return
+    assert node.keys() == {"direction", "first", "second", "splitPercentage"}
+    assert node["direction"] in {"row", "column"}
+    assert 0 < node["splitPercentage"] < 100
+    for side in ("first", "second"):
+        yield from leaves(node[side])
 
 
-def legal(kind: type[Any]) -> set[str]:
-    """Names of what may be set, as they are spelled in a file."""
-    return set(kind(**{field.name: None for field in fields(kind)})._to_dict())
+def assert_legal(settings: dict[str, Any], kind: type[Any]) -> None:
+    """Settings are spelled as in a file of Foxglove's."""
+    assert settings.keys() <= kind(**{field.name: None for field in fields(kind)})._to_dict().keys()
 
 
-def series(mission: Mission) -> Iterator[str]:
-    for panel, config in layout(mission)["configById"].items():
-        if panel.startswith("Plot!"):
-            yield from (path["value"] for path in config["paths"])
-
-
-@pytest.mark.parametrize("name", MISSIONS)
-def test_every_panel_has_its_place_and_every_place_its_panel(name: str) -> None:
-    made = json.loads(text(load(name)))
+def test_every_panel_has_its_place_and_every_place_its_panel(mission: Mission) -> None:
+    made = json.loads(text(mission))
     places = list(leaves(made["layout"]))
     assert sorted(places) == sorted(made["configById"])
     assert {place.partition("!")[0] for place in places} == set(TYPES)
 
 
-@pytest.mark.parametrize("name", MISSIONS)
-def test_panel_settings_are_legal_in_foxglove(name: str) -> None:
-    for panel, config in layout(load(name))["configById"].items():
-        settings = set(config) - {"foxglovePanelTitle"}  # which is of every panel
-        assert settings <= legal(TYPES[panel.partition("!")[0]]), panel
-    three = layout(load(name))["configById"]["3D!positions"]
-    assert set(three["cameraState"]) <= legal(theirs.ThreeDeeCameraState)
-    assert set(three["layers"]["grid"]) <= legal(theirs.BaseRendererGridLayerSettings)
+def test_panel_settings_are_legal_in_foxglove(mission: Mission) -> None:
+    panels = layout(mission)["configById"]
+    for panel, config in panels.items():
+        own = {key: value for key, value in config.items() if key != "foxglovePanelTitle"}  # of every panel
+        assert_legal(own, TYPES[panel.partition("!")[0]])
+    three = panels["3D!positions"]
+    assert_legal(three["cameraState"], theirs.ThreeDeeCameraState)
+    assert_legal(three["layers"]["grid"], theirs.BaseRendererGridLayerSettings)
     for topic in three["topics"].values():
-        assert set(topic) <= legal(theirs.BaseRendererPoseTopicSettings)
-    for path in layout(load(name))["configById"]["Plot!speed"]["paths"]:
-        assert set(path) <= legal(theirs.PlotSeries)
+        assert_legal(topic, theirs.BaseRendererPoseTopicSettings)
+    for path in panels["Plot!speed"]["paths"]:
+        assert_legal(path, theirs.PlotSeries)
 
 
-@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["twist", "twist_stamped"])
 def test_layout_topics_exist_and_series_are_numbers(name: str, kind: str) -> None:
-    source, where = read(name)
-    before = f'cmd_vel = "{"twist_stamped" if kind == "twist" else "twist"}"'
-    mission = parse(source.replace(before, f'cmd_vel = "{kind}"'), where)
+    mission = with_robots(name, cmd_vel=kind)
     types = {f"/{one.key}": one.topic.type for one in (*watched(mission), *OWN)}
     panels = layout(mission)["configById"]
-    assert set(panels["3D!positions"]["topics"]) <= set(types)
-    assert {panels[one]["topicToRender"] for one in ("DiagnosticSummary!fleet", "RosOut!events")} <= set(
-        types
-    )
-    for value in series(mission):
+    shown = {panels[one]["topicToRender"] for one in ("DiagnosticSummary!fleet", "RosOut!events")}
+    assert {*panels["3D!positions"]["topics"], *shown} <= set(types)
+    plots = [config for panel, config in panels.items() if panel.startswith("Plot!")]
+    for value in (path["value"] for plot in plots for path in plot["paths"]):
         if not value.startswith("/"):
             assert float(value)  # a line across
             continue

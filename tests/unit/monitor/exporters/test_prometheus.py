@@ -9,7 +9,6 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as plain
 
 from formation.monitor.exporters.prometheus import exposition
-from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from tests.support.monitored import Fleet, command, now, received, status
 
@@ -39,54 +38,54 @@ def families(snapshot: Snapshot, recording: Any = None) -> dict[str, Metric]:
 
 
 def value(found: dict[str, Metric], name: str, **labels: str) -> float | None:
-    """Of the one sample with these labels; None if there is none."""
-    values = [sample.value for sample in found[name].samples if sample.labels == labels]
+    """Of the one sample of `formation_NAME` with these labels; None if there is none."""
+    values = [one.value for one in found[f"formation_{name}"].samples if one.labels == labels]
     assert len(values) <= 1
     return values[0] if values else None
 
 
 def test_the_figures_are_those_of_the_snapshot() -> None:
     snapshot, found = seen(), families(seen())
-    assert value(found, "formation_error_meters") == pytest.approx(snapshot.formation_error)
-    assert value(found, "formation_converged") == 0.0
-    assert value(found, "formation_mode", mode="run") == 1.0
-    assert value(found, "formation_mode", mode="stop") == 0.0
-    assert value(found, "formation_shape", shape="hexagon") == 1.0
-    assert value(found, "formation_robot_speed_meters_per_second", robot="robot4") == 0.75
-    assert value(found, "formation_robot_speed_limit_ratio", robot="robot4") == 0.5
-    assert value(found, "formation_robot_state", robot="robot4", state="hold") == 1.0
-    edge = {"robot": "robot3", "edge": "robot3-robot2"}
-    assert value(found, "formation_edge_error_meters", **edge) == pytest.approx(0.25)
+    assert value(found, "error_meters") == pytest.approx(snapshot.formation_error)
+    assert value(found, "converged") == 0.0
+    assert value(found, "mode", mode="run") == 1.0
+    assert value(found, "mode", mode="stop") == 0.0
+    assert value(found, "shape", shape="hexagon") == 1.0
+    assert value(found, "robot_speed_meters_per_second", robot="robot4") == 0.75
+    assert value(found, "robot_speed_limit_ratio", robot="robot4") == 0.5
+    assert value(found, "robot_state", robot="robot4", state="hold") == 1.0
+    assert value(found, "edge_error_meters", robot="robot3", edge="robot3-robot2") == pytest.approx(0.25)
 
 
 def test_every_key_has_its_counts_rate_and_age() -> None:
     found = families(seen())
     key = {"robot": "robot2", "key": "robot2/position"}
-    assert value(found, "formation_key_rate_hertz", **key) == pytest.approx(20.0, abs=0.5)
-    counts = {one.labels["key"]: one.value for one in found["formation_messages_received"].samples}
-    assert counts["robot2/position"] == 20.0
-    assert "robot2/scan" not in counts  # never received
-    missed = {one.labels["key"]: one.value for one in found["formation_messages_missed"].samples}
-    assert missed["robot2/position"] == 0.0
+    assert value(found, "key_rate_hertz", **key) == pytest.approx(20.0, abs=0.5)
+    received, missed = (
+        {one.labels["key"]: one.value for one in found[f"formation_messages_{name}"].samples}
+        for name in ("received", "missed")
+    )
+    assert (received["robot2/position"], missed["robot2/position"]) == (20.0, 0.0)
+    assert "robot2/scan" not in received
     rejected = found["formation_messages_rejected"].samples
     assert [(sample.labels["reason"], sample.value) for sample in rejected] == [("unknown key", 1.0)]
 
 
 def test_unknown_values_are_omitted_instead_of_zero() -> None:
     found = families(seen(without="robot5"))
-    assert value(found, "formation_error_meters") is None
-    assert value(found, "formation_error_true_meters") is None
-    assert value(found, "formation_edge_error_meters", robot="robot5", edge="robot5-robot4") is None
-    assert value(found, "formation_robot_position_age_seconds", robot="robot5") is None
-    assert value(found, "formation_robot_position_age_seconds", robot="robot4") is not None
+    assert value(found, "error_meters") is None
+    assert value(found, "error_true_meters") is None
+    assert value(found, "edge_error_meters", robot="robot5", edge="robot5-robot4") is None
+    assert value(found, "robot_position_age_seconds", robot="robot5") is None
+    assert value(found, "robot_position_age_seconds", robot="robot4") is not None
 
 
 def test_the_recording_is_told_where_there_is_one() -> None:
     found = families(seen(), RECORDING)
-    assert value(found, "formation_recording_bytes") == 4711.0
-    assert value(found, "formation_recording_failed") == 0.0
+    assert value(found, "recording_bytes") == 4711.0
+    assert value(found, "recording_failed") == 0.0
     failed = families(seen(), {**RECORDING, "failure": "No space left on device"})
-    assert value(failed, "formation_recording_failed") == 1.0
+    assert value(failed, "recording_failed") == 1.0
     assert not [name for name in families(seen()) if "recording" in name]
 
 
@@ -101,10 +100,3 @@ def test_open_metrics_is_served_on_request() -> None:
     assert kind.startswith("application/openmetrics-text")
     names = {family.name for family in open_metrics(text.decode())}  # type: ignore[no-untyped-call]
     assert names == set(families(seen(), RECORDING))
-
-
-def test_reasons_with_signs_of_their_own_stay_one_label() -> None:
-    metrics = Metrics(Fleet().mission)
-    metrics.rejections.count("robot2/position", 'said "\\n" {a="b"}\nand more')
-    samples = families(metrics.snapshot(now(0.0)))["formation_messages_rejected"].samples
-    assert [sample.labels["reason"] for sample in samples] == ['said "\\n" {a="b"}\nand more']

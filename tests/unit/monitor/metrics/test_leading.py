@@ -71,11 +71,10 @@ def test_without_standbys_no_candidates_are_shown() -> None:
 def test_everything_that_standbys_say_is_listened_to_and_status_comes_last() -> None:
     mission = with_standbys()
     keys = [one.key for one in watched(mission)]
+    last = min(keys.index(STATUS.key(name)) for name in mission.candidates)
     for name in mission.candidates:
         assert {BALLOT.key(name), ROUTE.key(name), STATUS.key(name)} <= set(keys)
-        assert keys.index(BALLOT.key(name)) < min(
-            keys.index(STATUS.key(other)) for other in mission.candidates
-        )
+        assert keys.index(BALLOT.key(name)) < last
     assert POSITION.key("robot1") in keys
     assert f"spare1/{POSITION.name}" not in keys
 
@@ -87,15 +86,16 @@ def test_leading_standby_is_reported_with_time_without_leader() -> None:
     (change,) = of(events, "leader")
     assert (change.robot, change.level) == ("spare1", 30)
     assert change.text.startswith("leads from here on, robot1 was silent for 0.9")
-    assert team.seen.leads == "spare1"
-    assert "spare1 leads, robot1 could not" in line(team.seen)
     (lost,) = of(events, "lost")
     assert (lost.robot, lost.level, lost.text.startswith("could not take over")) == ("robot1", 30, True)
-    leader = team.seen.robots["robot1"]  # is present while any candidate leads
+    seen = team.seen
+    assert seen.leads == "spare1"
+    assert "spare1 leads, robot1 could not" in line(seen)
+    leader = seen.robots["robot1"]  # is present while any candidate leads
     assert leader.state == "run"
     assert leader.age is not None
     assert leader.age < 0.1
-    assert team.seen.formation_error == pytest.approx(0.0, abs=1e-6)
+    assert seen.formation_error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_returning_leader_becomes_standby() -> None:
@@ -166,8 +166,6 @@ def test_ballots_are_checked_like_everything_else() -> None:
     ballot = Text(order.encode(good).decode())
     receive(metrics, [sample_of(BALLOT.key("spare1"), ballot, 10.0)])
     assert not metrics.rejections.by_reason
-    receive(
-        metrics,
-        [sample_of(BALLOT.key("spare2"), ballot, 10.1), sample_of(BALLOT.key("robot1"), Text("{}"), 10.2)],
-    )
-    assert metrics.rejections.by_key == {BALLOT.key("spare2"): 1, BALLOT.key("robot1"): 1}
+    bad = {"spare2": ballot, "robot1": Text("{}")}
+    receive(metrics, [sample_of(BALLOT.key(name), text, 10.1) for name, text in bad.items()])
+    assert metrics.rejections.by_key == {BALLOT.key(name): 1 for name in bad}

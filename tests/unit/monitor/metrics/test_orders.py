@@ -15,8 +15,6 @@ from formation.monitor.metrics.words import as_json
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
 from formation.slots.shape import PlacedShape
-from formation.topics import POSITION
-from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, driven, now, received
 
 SIX = load("six_robots")
@@ -73,8 +71,7 @@ def test_slots_are_interpolated_linearly_between_orders(
     first = Order(term=1, beat=1, mode="run", shape="hexagon")
     orders.process_order(first, 5.0, 5.0, 5.0)
     orders.process_order(Order(term=1, beat=2, mode="run", shape="wedge", slots=slots), 6.0, 6.0, 6.0)
-    before, after = orders.slots(4.0), orders.slots(7.0)
-    between = orders.slots(5.0 + part)
+    before, between, after = (orders.slots(at) for at in (4.0, 5.0 + part, 7.0))
     for name in SIX.names:
         assert between[name] == pytest.approx(before[name] + part * (after[name] - before[name]), abs=1e-9)
         assert after[name] == pytest.approx(PlacedShape.of(orders.newest or first).slot(SIX, name), abs=1e-9)
@@ -83,8 +80,8 @@ def test_slots_are_interpolated_linearly_between_orders(
 def test_slots_of_unknown_shape_are_rejected() -> None:
     fleet = Fleet(wants=lambda _: {"slots": Slots(mix={"hexagon": 0.5, "star": 0.5})})
     result = PositionAttachment(publisher_id="leader", count=1, order=fleet.order(10.0))
-    pose = Fleet().pose("robot1", 10.0)
-    metrics = received(fleet, Sample(POSITION.key("robot1"), pose, order.encode(result), 10.0))
+    position = Fleet().position("robot1", 10.0)._replace(attachment=order.encode(result))
+    metrics = received(fleet, position)
     assert metrics.rejections.by_reason == {"robot1/position: unknown shape": 1}
     assert metrics.orders.newest is None
 

@@ -38,44 +38,39 @@ def snapshot(*, without: str = "") -> Snapshot:
 
 
 def test_a_snapshot_is_json_before_anything_is_known() -> None:
-    nothing = Metrics(Fleet().mission).snapshot(now(10.0))
-    read_back = json.loads(json.dumps(as_json(nothing), allow_nan=False))
-    assert read_back["formation_error"] is None
-    assert read_back["elapsed"] == 0.0
-    assert read_back["robots"]["robot2"]["age"] is None
-    assert ["robot2", "robot1", None] in read_back["edges"]
+    known = json.loads(json.dumps(as_json(Metrics(Fleet().mission).snapshot(now(10.0))), allow_nan=False))
+    assert (known["formation_error"], known["elapsed"], known["robots"]["robot2"]["age"]) == (None, 0.0, None)
+    assert ["robot2", "robot1", None] in known["edges"]
 
 
 def test_summary_line_names_unknown_edges_and_silent_robots() -> None:
     assert "error 0.0 mm" in line(snapshot())
     assert "6 run" in line(snapshot())
-    fleet = Fleet()
-    metrics = received(fleet, *fleet.positions(10.0, 12.0), *fleet.positions(12.05, 15.0, without="robot3"))
-    text = line(metrics.snapshot(now(15.0)))
-    assert "error 0.0 mm over 5 of 9 edges; 4 unknown (robot3 silent for 3 s)" in text
+    metrics = received(
+        Fleet(), *Fleet().positions(10.0, 12.0), *Fleet().positions(12.05, 15.0, without="robot3")
+    )
     text = line(metrics.snapshot(now(25.0)))
     assert "error unknown" in text
     assert "robot3 silent for 13.0 s" in text
 
 
 def test_diagnostics_name_every_robot_its_edges_and_how_its_keys_arrive() -> None:
-    fleet = Fleet()
-    samples = [*fleet.positions(10.0, 12.0), odometry("robot4", 12.0), command("robot4", 12.0, 0.3, 0.1)]
-    (message,) = diagnostics(received(fleet, *samples).snapshot(now(12.0)), 1012.0)
+    samples = [*Fleet().positions(10.0, 12.0), odometry("robot4", 12.0), command("robot4", 12.0, 0.3, 0.1)]
+    (message,) = diagnostics(received(Fleet(), *samples).snapshot(now(12.0)), 1012.0)
     formation, *robots = message.statuses
     assert formation.values["error"] == "0.0000"
-    assert [robot.hardware_id for robot in robots] == list(fleet.mission.names)
-    values = robots[3].values
-    assert (values["error.robot2"], values["error.robot3"]) == ("0.0000", "0.0000")
-    assert (values["speed"], values["count.odom"], values["rate.position"]) == ("0.3000", "1", "20.0")
+    assert [robot.hardware_id for robot in robots] == list(Fleet().mission.names)
+    assert robots[3].values.items() >= {
+        "error.robot2": "0.0000", "error.robot3": "0.0000", "speed": "0.3000", "count.odom": "1",
+        "rate.position": "20.0",
+    }.items()  # fmt: skip
 
 
 def test_a_silent_robots_diagnostics_are_stale() -> None:
     (message,) = diagnostics(snapshot(without="robot5"), 1012.0)
-    levels = {status.name: status.level for status in message.statuses}
-    assert levels["robot5: monitor"] == 3
-    assert levels["formation: monitor"] == 1  # of the others the error is known
-    assert levels["robot4: monitor"] == 0
+    levels = {status.name.removesuffix(": monitor"): status.level for status in message.statuses}
+    # of the others the error is known
+    assert (levels["robot5"], levels["robot4"], levels["formation"]) == (3, 0, 1)
 
 
 def test_the_diagnostics_of_a_hundred_robots_fit_into_messages() -> None:
@@ -125,6 +120,5 @@ def test_nonsense_sentences_change_no_figure(monkeypatch: pytest.MonkeyPatch) ->
     metrics, events = before
     assert metrics["robots"]["robot4"]["reason_code"] == Code.POSITION_SILENT
     assert metrics["waits"] == "robot4"
-    assert ("robot5", "contested", 40) in events
-    assert ("robot6", "forged", 40) in events
+    assert {("robot5", "contested", 40), ("robot6", "forged", 40)} <= set(events)
     assert {kind for _, kind, _ in events} >= {"blocked", "stuck", "fallback", "waits", "held", "deadlock"}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import io
 import os
+from collections import Counter
 from collections.abc import Iterable
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,9 @@ from hypothesis import strategies as st
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Channel, ChunkIndex, Message, MessageIndex, Schema
 from mcap.records import Chunk as ChunkRecord
-from mcap.records import ChunkIndex, MessageIndex
-from mcap_ros2.decoder import DecoderFactory
+from mcap.summary import Summary
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -33,31 +35,25 @@ from formation.monitor.recording.reader import is_whole
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
-from formation.monitor.recording.scan import MESSAGE, contents, records
+from formation.monitor.recording.scan import MESSAGE, Contents, contents, records
 from formation.ros2 import messages
 from formation.ros2.messages import Displacement, Number, Text, decode, encode, type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, sample_of, status
 
-TEXT, _ = read("six_robots")
-STORE = get_typestore(Stores.EMPTY)
+TEXT, SIX = read("six_robots")[0], load("six_robots")
 
 
 def recorder(
-    path: Path,
-    mission: Mission | None = None,
-    text: str = TEXT,
-    rotation: Rotation = ROTATION,
-    room: Room = ROOM,
+    path: Path, mission: Mission = SIX, text: str = TEXT, rotation: Rotation = ROTATION, room: Room = ROOM
 ) -> Recorder:
-    mission = mission or load("six_robots")
     return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN), rotation, room)
 
 
-def record(path: Path, samples: Iterable[Sample], *, flush: bool = False) -> Recorder:
+def record(path: Path, samples: Iterable[Sample], *, flush: bool = False, **how: Any) -> Recorder:
     """The recorder of these samples, which is closed; `flush` has it end a chunk each half second."""
-    with recorder(path) as recording:
+    with recorder(path, **how) as recording:
         for sample in samples:
             recording.write(sample, sample.arrived + EPOCH)
             if flush:
@@ -65,9 +61,29 @@ def record(path: Path, samples: Iterable[Sample], *, flush: bool = False) -> Rec
     return recording
 
 
+def read_by_mcap(path: Path) -> list[tuple[Schema | None, Channel, Message]]:
+    """All messages in the order of the file, by the reader of those who made the format."""
+    with path.open("rb") as stream:
+        return list(make_reader(stream).iter_messages(log_time_order=False))
+
+
+def summary_of(path: Path) -> Summary:
+    with path.open("rb") as stream:
+        found = make_reader(stream).get_summary()
+    assert found is not None
+    return found
+
+
+def chunks_of(path: Path) -> list[Contents]:
+    with path.open("rb") as file:
+        found = [contents(each.body) for each in records(file) if each.opcode == Opcode.CHUNK]
+    assert None not in found
+    return [one for one in found if one is not None]
+
+
 def a_bit_of_everything() -> list[Sample]:
     fleet = Fleet()
-    return [
+    samples = [
         *fleet.positions(10.0, 11.0),
         *[odometry("robot2", 10.0 + i / 20) for i in range(20)],
         *[command("robot2", 10.0 + i / 20, 0.1, 0.2) for i in range(20)],
@@ -75,30 +91,26 @@ def a_bit_of_everything() -> list[Sample]:
         fleet.truth("robot4", 10.5),
         sample_of(ERROR.key(), Number(0.25), 10.6),
     ]
+    return sorted(samples, key=lambda sample: sample.arrived)
 
 
 def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -> None:
-    samples = sorted(a_bit_of_everything(), key=lambda sample: sample.arrived)
+    samples = a_bit_of_everything()
     recorded = record(tmp_path / "run.mcap", samples)
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        read_back = [
-            (channel.topic, message)
-            for _, channel, message in make_reader(stream).iter_messages()
-            if not channel.topic.endswith(SUFFIX)
-        ]
-    assert [(topic, message.data, message.log_time) for topic, message in read_back] == [
-        (f"/{s.key}", s.payload, round((s.arrived + EPOCH) * 1e9)) for s in samples
+    found = [
+        (channel.topic, message.data, message.log_time)
+        for _, channel, message in read_by_mcap(tmp_path / "run.mcap")
+        if not channel.topic.endswith(SUFFIX)
     ]
-    assert sum(recorded.recorded.values()) == len(samples)
-    assert recorded.recorded[ODOM.key("robot2")] == 20
+    assert found == [(f"/{s.key}", s.payload, round((s.arrived + EPOCH) * 1e9)) for s in samples]
+    assert recorded.recorded == Counter(sample.key for sample in samples)
 
 
 def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> None:
     late = odometry("robot2", 10.0)._replace(arrived=10.25)
     unstamped = command("robot2", 10.5, 0.1, 0.2)
     record(tmp_path / "run.mcap", (late, unstamped))
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        first, second = (message for _, _, message in make_reader(stream).iter_messages())
+    first, second = (message for _, _, message in read_by_mcap(tmp_path / "run.mcap"))
     assert (first.publish_time, first.log_time) == (1_010_000_000_000, 1_010_250_000_000)
     assert second.publish_time == second.log_time == 1_010_500_000_000
 
@@ -107,12 +119,8 @@ def test_every_topic_has_channel_with_ros_2_schema(tmp_path: Path) -> None:
     text = TEXT.replace("rate = 20 ", 'measurement = "local"\nlocalisation = "external"\nrate = 20 ')
     mapped = 'localisation = "odometry"\nodometry_frame = "map"'
     text = text.replace("[robots.robot3]\n", f"[robots.robot3]\n{mapped}\n") + "\n[standbys.spare]\n"
-    with recorder(tmp_path / "run.mcap", parse(text), text):
-        pass
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-        assert make_reader(stream).get_header().profile == "ros2"
-    assert summary is not None
+    record(tmp_path / "run.mcap", [], mission=parse(text), text=text)
+    summary = summary_of(tmp_path / "run.mcap")
     kinds = {channel.topic.split("/", 2)[2].split("/")[0] for channel in summary.channels.values()}
     received = {topic.name for topic in TABLE if topic.type} - {ALIVE.name}  # which stays on the robot
     assert kinds == received
@@ -126,17 +134,15 @@ def test_every_topic_has_channel_with_ros_2_schema(tmp_path: Path) -> None:
         assert channel.metadata["topic_type_hash"] == type_hash(schema.name)
 
 
-@pytest.mark.parametrize("kind", ["twist", "twist_stamped"])
-def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(("kind", "name"), [("twist", "Twist"), ("twist_stamped", "TwistStamped")])
+def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str, name: str) -> None:
     text = TEXT.replace("rate = 20 ", f'cmd_vel = "{kind}"\nrate = 20 ')
-    with recorder(tmp_path / "run.mcap", parse(text), text) as recording:
-        sample = command("robot2", 10.0, 0.1, 0.2, stamped=kind == "twist_stamped")
-        recording.write(sample, sample.arrived)
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        ((schema, channel, _),) = make_reader(stream).iter_messages()
+    sample = command("robot2", 10.0, 0.1, 0.2, stamped=kind == "twist_stamped")
+    record(tmp_path / "run.mcap", [sample], mission=parse(text), text=text)
+    ((schema, channel, _),) = read_by_mcap(tmp_path / "run.mcap")
     assert channel.topic == f"/{CMD_VEL.key('robot2')}"
     assert schema is not None
-    assert schema.name == f"geometry_msgs/msg/{'Twist' if kind == 'twist' else 'TwistStamped'}"
+    assert schema.name == f"geometry_msgs/msg/{name}"
 
 
 def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> None:
@@ -164,23 +170,20 @@ def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> N
 
 
 def test_the_mission_and_the_versions_are_in_the_recording(tmp_path: Path) -> None:
-    with recorder(tmp_path / "run.mcap"):
-        pass
+    record(tmp_path / "run.mcap", [])
     with (tmp_path / "run.mcap").open("rb") as stream:
-        (about,) = make_reader(stream).iter_metadata()
-    assert about.metadata["mission"] == "six-robots"
-    assert parse(about.metadata["mission_file"]) == load("six_robots")
-    assert about.metadata["law"] == "paper"
+        reader = make_reader(stream)
+        (about,) = reader.iter_metadata()
+        assert reader.get_header().profile == "ros2"
+    assert (about.metadata["mission"], about.metadata["law"]) == ("six-robots", "paper")
+    assert parse(about.metadata["mission_file"]) == SIX
     assert about.metadata["eclipse-zenoh"]
 
 
 def test_malformed_messages_are_recorded_as_they_came(tmp_path: Path) -> None:
     rubbish = [b"", b"\xff" * 50, b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 8]
-    with recorder(tmp_path / "run.mcap") as recording:
-        for payload in rubbish:
-            recording.write(Sample(ODOM.key("robot2"), payload, None, 10.0), 10.0)
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        assert [message.data for _, _, message in make_reader(stream).iter_messages()] == rubbish
+    record(tmp_path / "run.mcap", [Sample(ODOM.key("robot2"), payload, None, 10.0) for payload in rubbish])
+    assert [message.data for _, _, message in read_by_mcap(tmp_path / "run.mcap")] == rubbish
 
 
 def test_valid_stamps_are_read_in_both_byte_orders() -> None:
@@ -236,51 +239,39 @@ def test_what_is_no_text_is_left_out() -> None:
 
 
 def test_attachments_come_back_on_the_messages_they_rode_on(tmp_path: Path) -> None:
-    samples = sorted(
-        [
-            *Fleet().positions(10.0, 11.0),
-            *[
-                command("robot2", 10.0 + i / 20, 0.1, 0.0)._replace(attachment=b"%d" % i if i % 3 else None)
-                for i in range(20)
-            ],
-        ],
-        key=lambda one: one.arrived,
-    )
+    commands = [
+        command("robot2", 10.0 + i / 20, 0.1, 0.0)._replace(attachment=b"%d" % i if i % 3 else None)
+        for i in range(20)
+    ]
+    samples = sorted([*Fleet().positions(10.0, 11.0), *commands], key=lambda one: one.arrived)
     record(tmp_path / "run.mcap", samples)
     back = [one.sample for one in read_back(tmp_path / "run.mcap").messages()]
     assert [one[:3] for one in back] == [one[:3] for one in samples]
-    leader = POSITION.key(load("six_robots").leader)
-    assert all(one.attachment for one in back if one.key == leader)
+    assert all(one.attachment for one in back if one.key == POSITION.key(SIX.leader))
 
 
 def test_each_stands_just_before_its_message_with_its_times_and_number(tmp_path: Path) -> None:
     bare, attachments = command("robot2", 10.0, 0.1, 0.2), command("robot2", 10.5, 0.1, 0.2)
     record(tmp_path / "run.mcap", [bare, attachments._replace(attachment=b'{"n": 1}')])
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        first, beside, second = reader.iter_decoded_messages(log_time_order=False)
-    assert (first.message.sequence, beside.message.sequence, second.message.sequence) == (1, 2, 2)
-    assert beside.channel.topic == f"/{CMD_VEL.key('robot2')}/attached"
-    assert beside.schema is not None
-    assert beside.schema.name == "std_msgs/msg/String"
-    assert beside.decoded_message.data == '{"n": 1}'
-    assert (beside.message.log_time, beside.message.publish_time) == (
-        second.message.log_time,
-        second.message.publish_time,
-    )
+    (_, _, first), (schema, channel, beside), (_, _, second) = read_by_mcap(tmp_path / "run.mcap")
+    assert (first.sequence, beside.sequence, second.sequence) == (1, 2, 2)
+    assert channel.topic == f"/{CMD_VEL.key('robot2')}/attached"
+    assert schema is not None
+    assert schema.name == "std_msgs/msg/String"
+    assert decode(Text, beside.data) == Text('{"n": 1}')
+    assert (beside.log_time, beside.publish_time) == (second.log_time, second.publish_time)
 
 
 def test_topics_on_which_nothing_rides_have_none_beside_them(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", [command("robot2", 10.0, 0.1, 0.2)])
-    with (tmp_path / "run.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert not [one.topic for one in summary.channels.values() if one.topic.endswith("/attached")]
+    channels = summary_of(tmp_path / "run.mcap").channels.values()
+    assert not [one.topic for one in channels if one.topic.endswith("/attached")]
 
 
 def test_every_index_entry_points_to_its_message(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    record(path, sorted(a_bit_of_everything(), key=lambda sample: sample.arrived), flush=True)
+    samples = a_bit_of_everything()
+    record(path, samples, flush=True)
     raw, entries = b"", 0
     with path.open("rb") as file:
         for one in records(file):
@@ -293,9 +284,7 @@ def test_every_index_entry_points_to_its_message(tmp_path: Path) -> None:
                     opcode, _, channel, _, found, _ = MESSAGE.unpack_from(raw, at)
                     assert (opcode, channel, found) == (Opcode.MESSAGE, index.channel_id, logged)
                     entries += 1
-    assert entries == 2 * len(a_bit_of_everything()) - sum(
-        sample.attachment is None for sample in a_bit_of_everything()
-    )
+    assert entries == len(samples) + sum(sample.attachment is not None for sample in samples)
 
 
 def test_burst_is_divided_into_small_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,10 +293,9 @@ def test_burst_is_divided_into_small_chunks(tmp_path: Path, monkeypatch: pytest.
     with recorder(path) as recording:
         for number in range(500):  # before anybody flushes
             recording.write(odometry("robot2", 10.0 + number / 1000), EPOCH + 10.0 + number / 1000)
-    with path.open("rb") as file:
-        found = [contents(each.body) for each in records(file) if each.opcode == Opcode.CHUNK]
+    found = chunks_of(path)
     assert len(found) > 5
-    assert max(one.unpacked for one in found if one) < 100_000
+    assert max(one.unpacked for one in found) < 100_000
 
 
 class Full(io.FileIO):
@@ -346,9 +334,7 @@ def test_failed_write_leaves_file_unchanged_and_usable(tmp_path: Path) -> None:
         part.finish()
     whole.close()
     assert is_whole(path)
-    with path.open("rb") as file:
-        found = [contents(each.body) for each in records(file) if each.opcode == Opcode.CHUNK]
-    assert [len(one.messages) for one in found if one] == [100, 100]
+    assert [len(one.messages) for one in chunks_of(path)] == [100, 100]
 
 
 TIMES = st.integers(0, 2**62)
@@ -369,23 +355,19 @@ def test_index_records_equal_mcap_chunk_index(entries: list[Entry]) -> None:
     index, expected = Index(), b""
     for one in entries:
         index.add(one)
-        places, at = {}, one.offset + one.length
-        for channel, length in one.lengths.items():
-            places[channel] = at
-            at += length
-        expected += packed_record(
-            ChunkIndex(
-                message_start_time=one.start,
-                message_end_time=one.end,
-                chunk_start_offset=one.offset,
-                chunk_length=one.length,
-                message_index_offsets=places,
-                message_index_length=sum(one.lengths.values()),
-                compression=one.codec,
-                compressed_size=one.length - CHUNK_HEAD_BYTES - len(one.codec),
-                uncompressed_size=one.unpacked,
-            )
+        begins = accumulate(one.lengths.values(), initial=one.offset + one.length)
+        record = ChunkIndex(
+            message_start_time=one.start,
+            message_end_time=one.end,
+            chunk_start_offset=one.offset,
+            chunk_length=one.length,
+            message_index_offsets=dict(zip(one.lengths, begins, strict=False)),
+            message_index_length=sum(one.lengths.values()),
+            compression=one.codec,
+            compressed_size=one.length - CHUNK_HEAD_BYTES - len(one.codec),
+            uncompressed_size=one.unpacked,
         )
+        expected += packed_record(record)
     assert index.records() == expected
     assert (index.count, index.size) == (len(entries), len(expected))
 

@@ -1,8 +1,11 @@
+"""Recordings read back: whole, cut or damaged, from any moment on, and recovered."""
+
 from __future__ import annotations
 
 import errno
 import os
 import random
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,20 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from formation.monitor.recording import scan
 from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import Recorded, UnreadableError, is_whole, read
+from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, is_whole, read
 from formation.monitor.recording.recover import recover
 from formation.wire import Sample
-from tests.support.monitored import Fleet, odometry
-from tests.unit.monitor.recording.test_recorder import record
+from tests.support.monitored import EPOCH, Fleet, odometry
+from tests.unit.monitor.recording.test_recorder import record, summary_of
 
 
 def chunked(path: Path, seconds: float = 3.0) -> list[Sample]:
     """A recording with a chunk for each half second."""
-    samples = sorted(
-        [*Fleet().positions(10.0, 10.0 + seconds), *[odometry("robot2", 10.0 + i / 20) for i in range(20)]],
-        key=lambda one: one.arrived,
-    )
+    odometries = [odometry("robot2", 10.0 + i / 20) for i in range(20)]
+    samples = sorted([*Fleet().positions(10.0, 10.0 + seconds), *odometries], key=lambda one: one.arrived)
     record(path, samples, flush=True)
     return samples
 
@@ -61,6 +63,8 @@ def test_a_cut_recording_gets_an_index_and_an_end(tmp_path: Path, whole: bytes) 
     assert 0 < found.extent.counts.total() == len(kept)
     assert found.unreadable > 0
     assert not read(out).is_cut()
+    assert recover(out, tmp_path / "again.mcap").is_whole
+    assert not (tmp_path / "again.mcap").exists()
     assert bare(read(out).messages()) == kept
     assert read(out).extent() == read(cut).extent() == found.extent
     assert read(out).about["recovered_from"] == "run.mcap"
@@ -71,13 +75,6 @@ def test_a_cut_recording_gets_an_index_and_an_end(tmp_path: Path, whole: bytes) 
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(indexed) >= len(kept)
-
-
-def test_recovering_twice_changes_nothing(tmp_path: Path, whole: bytes) -> None:
-    (tmp_path / "run.mcap").write_bytes(whole[: len(whole) * 6 // 10])
-    recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
-    assert recover(tmp_path / "out.mcap", tmp_path / "again.mcap").is_whole
-    assert not (tmp_path / "again.mcap").exists()
 
 
 def test_where_it_cannot_be_written_to_its_end_nothing_is_left(
@@ -141,10 +138,7 @@ def test_a_damaged_stretch_costs_no_more_than_itself(tmp_path: Path, whole: byte
     path = tmp_path / "run.mcap"
     path.write_bytes(whole)
     everything = bare(read(path).messages())
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    middle = summary.chunk_indexes[1]
+    middle = summary_of(path).chunk_indexes[1]
     data = bytearray(whole)
     data[middle.chunk_start_offset + middle.chunk_length // 2] ^= 0xFF
     path.write_bytes(data)
@@ -164,3 +158,41 @@ def test_an_existing_file_is_never_overwritten(tmp_path: Path, whole: bytes) -> 
     with pytest.raises(FileExistsError):
         recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
     assert (tmp_path / "out.mcap").read_text() == "dear"
+
+
+@pytest.mark.parametrize("since", [0.0, 9.9, 12.3, 14.1, 17.0, 25.0])
+def test_it_can_be_read_from_any_moment_on(recording: Recording, since: float) -> None:
+    everything = list(recording.messages())
+    wanted = [one for one in everything if one.wall >= since + EPOCH]
+    found = list(recording.messages(since + EPOCH))
+    assert found == everything[len(everything) - len(found) :]
+    assert len(wanted) <= len(found) <= len(wanted) + 70  # whole chunks are passed over
+
+
+def test_what_is_passed_over_is_not_unpacked(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    unpacked, real = list[int](), scan.contents
+
+    def counted(body: bytes) -> scan.Contents | None:
+        unpacked.append(len(body))
+        return real(body)
+
+    monkeypatch.setattr("formation.monitor.recording.reader.contents", counted)
+    list(recording.messages())
+    all_of_them = len(unpacked)
+    unpacked.clear()
+    assert next(recording.messages(14.5 + EPOCH)).wall > 13.9 + EPOCH
+    assert 0 < len(unpacked) <= 2 < all_of_them
+
+
+def test_its_extent_is_that_of_its_messages(recording: Recording) -> None:
+    messages = list(recording.messages())
+    start, end = messages[0].wall, messages[-1].wall
+    extent = recording.extent()
+    assert (extent.start, extent.end, extent.duration) == pytest.approx((start, end, end - start))
+    assert extent.counts == Counter(one.sample.key for one in messages)
+
+
+def test_an_empty_recording_has_no_extent(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", [])
+    extent = read(tmp_path / "run.mcap").extent()
+    assert (extent.start, extent.end, extent.duration, extent.counts) == (None, None, 0.0, {})

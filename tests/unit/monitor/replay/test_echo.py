@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from formation.mission.file import load, shipped
-from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.replay.echo import DEFAULT, Echo, checked
 from formation.topics import EVENTS, POSITION, Topic
@@ -55,15 +56,6 @@ def test_unknown_key_is_republished() -> None:
     assert len(air.said) == 2
 
 
-RED = SIX.model_copy(update={"team": "red"})
-
-
-def in_ros(mission: Mission, **changes: object) -> Mission:
-    """The mission with a ROS of another kind on every robot."""
-    robots = {name: robot.model_copy(update=changes) for name, robot in mission.robots.items()}
-    return mission.model_copy(update={"robots": robots})
-
-
 @pytest.mark.parametrize("mission", shipped())
 @pytest.mark.parametrize("prefix", [DEFAULT, "monday", "a/b", "red"])
 def test_a_word_that_nothing_live_begins_with_will_do(mission: str, prefix: str) -> None:
@@ -87,14 +79,15 @@ def test_what_live_keys_begin_with_is_refused(prefix: str) -> None:
 @pytest.mark.parametrize("prefix", ["red", "red/replay"])
 def test_the_team_is_refused(prefix: str) -> None:
     with pytest.raises(ValueError, match="the team 'red'"):
-        checked(prefix, RED)
+        checked(prefix, SIX.model_copy(update={"team": "red"}))
 
 
-def test_how_ros_spells_keys_is_refused() -> None:
-    mission = in_ros(SIX, ros="rmw_zenoh", domain=7)
+@pytest.mark.parametrize(
+    ("keys", "prefix"), [({"ros": "rmw_zenoh", "domain": 7}, "7"), ({"namespace": "hall"}, "hall")]
+)
+def test_how_ros_spells_keys_is_refused(keys: dict[str, Any], prefix: str) -> None:
+    robots = {name: robot.model_copy(update=keys) for name, robot in SIX.robots.items()}
+    mission = SIX.model_copy(update={"robots": robots})
     assert checked("8", mission) == "8"
-    with pytest.raises(ValueError, match="live keys begin with '7'"):
-        checked("7", mission)
-    namespaced = in_ros(SIX, namespace="hall")
-    with pytest.raises(ValueError, match="live keys begin with 'hall'"):
-        checked("hall", namespaced)
+    with pytest.raises(ValueError, match=f"live keys begin with '{prefix}'"):
+        checked(prefix, mission)

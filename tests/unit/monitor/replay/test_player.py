@@ -1,17 +1,29 @@
-"""Playing a recording on a clock that a test turns: what comes, in which order, and where one is."""
+"""Playing a recording on a clock that a test turns, and a recording as what is played."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.monitor.recording.reader import Recorded
-from formation.monitor.replay.player import MAX_CATCH_UP_TIME, MAX_SPEED, MIN_SPEED, Due, Player
+from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, read
+from formation.monitor.replay import player
+from formation.monitor.replay.player import (
+    MAX_CATCH_UP_TIME,
+    MAX_SPEED,
+    MIN_RECORDING_TIME,
+    MIN_SPEED,
+    Due,
+    Film,
+    Player,
+)
 from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet
+from tests.unit.monitor.recording.test_recorder import record
 
 START = 1000.0
 PERIOD = 0.25
@@ -51,20 +63,10 @@ def numbers(due: Sequence[Due]) -> list[int]:
 
 
 def played(player: Player, since: float, until: float) -> list[Due]:
-    """Everything that comes from one time of the clock to another."""
-    found: list[Due] = []
+    """Everything that comes from one time of the clock to another, taken ten times a second."""
     steps = round((until - since) / 0.1)
-    for step in range(steps + 1):
-        found += player.next_batch(since + (until - since) * step / max(steps, 1), MANY).due
-    return found
-
-
-def all_due(player: Player, mono: float) -> list[Due]:
-    """Everything that is due, and whatever passing over takes."""
-    found = player.next_batch(mono, MANY).due
-    while player.seeking:
-        found += player.next_batch(mono, MANY).due
-    return found
+    times = [since + (until - since) * step / max(steps, 1) for step in range(steps + 1)]
+    return [due for mono in times for due in player.next_batch(mono, MANY).due]
 
 
 def test_messages_come_when_their_time_has_come() -> None:
@@ -142,23 +144,19 @@ def test_in_a_long_recording_figures_are_built_from_a_stretch_before() -> None:
 def test_long_seek_takes_many_steps_with_clock_paused() -> None:
     player = Player(reel(), 0.0)
     player.seek(START + 9.0)
-    steps = 0
-    while player.seeking:
-        assert player.goal == START + 9.0
-        player.next_batch(float(steps), 5)
-        steps += 1
-    assert steps == 8
-    assert player.position == START + 9.0
+    for step in range(8):
+        assert (player.seeking, player.goal) == (True, START + 9.0)
+        player.next_batch(float(step), 5)
+    assert (player.seeking, player.position) == (False, START + 9.0)
 
 
 def test_a_seek_ends_at_the_ends_of_the_recording() -> None:
     player = Player(reel(), 0.0)
     player.seek(START + 1e9)
-    all_due(player, 0.0)
-    assert player.position == START + 10.0
-    assert player.finished
+    player.next_batch(0.0, MANY)
+    assert (player.position, player.finished) == (START + 10.0, True)
     player.seek(-1e9)
-    assert numbers(all_due(player, 0.0)) == [0]
+    assert numbers(player.next_batch(0.0, MANY).due) == [0]
     assert player.position == START
 
 
@@ -201,12 +199,9 @@ def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
 def test_a_short_delay_is_caught_up_with() -> None:
     player = Player(reel(), 0.0)
     player.next_batch(0.0, MANY)
-    assert numbers(player.next_batch(0.6, 1).due) == [1]
-    assert player.behind == pytest.approx(0.35)
-    assert numbers(player.next_batch(0.7, MANY).due) == [2]
-    assert player.behind == pytest.approx(0.2)
-    assert numbers(player.next_batch(0.8, MANY).due) == [3]
-    assert player.behind == pytest.approx(0.05)
+    for mono, most, number, behind in ((0.6, 1, 1, 0.35), (0.7, MANY, 2, 0.2), (0.8, MANY, 3, 0.05)):
+        assert numbers(player.next_batch(mono, most).due) == [number]
+        assert player.behind == pytest.approx(behind)
     assert player.lost == 0.0
 
 
@@ -214,11 +209,6 @@ def test_a_stretch_without_messages_is_no_delay() -> None:
     player = Player(Reel([START, START + 5.0]), 0.0)
     assert numbers(played(player, 0.0, 5.1)) == [0, 1]
     assert player.lost == 0.0
-
-
-def test_unordered_messages_are_played_in_file_order() -> None:
-    player = Player(Reel([START, START + 1.0, START + 0.99, START + 2.0]), 0.0)
-    assert numbers(played(player, 0.0, 1.0)) == [0, 1, 2]
 
 
 def test_one_message_is_a_recording() -> None:
@@ -289,3 +279,29 @@ def test_messages_keep_order_and_repeat_only_after_seek(
                 assert player.position >= before
             sought = sought and player.seeking
         assert film.start <= player.position <= film.end
+
+
+@pytest.mark.parametrize("since", [0.0, 10.0, 13.37, 16.0, 18.0, 30.0])
+def test_film_starts_at_any_moment(recording: Recording, since: float) -> None:
+    film, every = Film(recording), list(recording.messages())
+    assert (film.start, film.end) == pytest.approx((every[0].wall, every[-1].wall))
+    assert list(film.messages(EPOCH + since)) == [one for one in every if one.wall >= EPOCH + since]
+
+
+def test_short_recording_is_rebuilt_completely_and_long_partly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record(tmp_path / "run.mcap", Fleet().positions(10.0, 50.0), flush=True)
+    recording = read(tmp_path / "run.mcap")
+    one = Film(recording)
+    assert one.stretch == one.end - one.start
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", recording.extent().counts.total() * 3 // 4)
+    assert Film(recording).stretch == pytest.approx(30.0, rel=0.01)
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", 1)
+    assert Film(recording).stretch == MIN_RECORDING_TIME
+
+
+def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", [])
+    with pytest.raises(UnreadableError, match="has no messages"):
+        Film(read(tmp_path / "run.mcap"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -56,15 +55,12 @@ def test_posts_and_walls_are_drawn_only_in_simulation(truth: bool, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("suffix", "start"),
-    [
-        ("svg", b"<?xml"),
-        *slow(("png", b"\x89PNG"), ("pdf", b"%PDF")),
-    ],
+    ("suffix", "start"), [("svg", b"<?xml"), *slow(("png", b"\x89PNG"), ("pdf", b"%PDF"))]
 )
 def test_a_figure_is_written_alike_each_time(run: Run, suffix: str, start: bytes) -> None:
-    view = View.of([run])
-    once, again = (figures.written(figures.panel(run, view, parts.PANELS[3]), suffix) for _ in range(2))
+    once, again = (
+        figures.written(figures.panel(run, View.of([run]), parts.PANELS[3]), suffix) for _ in range(2)
+    )
     assert once.startswith(start)
     assert once == again
 
@@ -96,10 +92,9 @@ def test_names_are_numbers_where_these_are_all_they_differ_in() -> None:
     assert drawing.short(["leader", "robot1"]) == ["leader", "robot1"]
 
 
-def test_lines_of_a_hundred_robots_become_a_picture_in_the_svg(run: Run) -> None:
-    assert not re.search(
-        "<image", figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg").decode()
-    )
+def test_lines_of_six_robots_are_no_picture_in_the_svg(run: Run) -> None:
+    svg = figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg")
+    assert b"<image" not in svg
     assert len(drawing.looks(100)) == 100
 
 
@@ -123,10 +118,9 @@ def test_many_orders_leave_room_for_the_curve(tmp_path: Path) -> None:
     assert whole.axes[0].get_position().height > 0.5
     assert {"run, hexagon", "wedge, 57.3°, × 1.5", "route"} <= {one.get_text() for one in whole.axes[0].texts}
     graph = figures.panel(ordered, View.of([ordered]), parts.PANELS[0]).axes[0]
-    ends: list[Any] = [(line.get_xdata(), line.get_ydata()) for line in graph.lines]
-    drawn = {(round(float(x[0]), 6), round(float(y[0]), 6)) for x, y in ends}
+    ends = {tuple(np.round(np.asarray(line.get_xydata())[0], 6)) for line in graph.lines}
     last = PlacedShape.of(fleet.order(13.0)).slots(fleet.mission)
-    assert drawn == {(round(slot.real, 6), round(slot.imag, 6)) for slot in last}
+    assert ends == {(round(slot.real, 6), round(slot.imag, 6)) for slot in last}
 
 
 @pytest.fixture(scope="module")
@@ -136,29 +130,14 @@ def history() -> History:
     return kept
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF")])
-def test_the_suffix_says_how_the_figure_is_written(
-    history: History, tmp_path: Path, suffix: str, start: bytes
-) -> None:
-    path = tmp_path / f"figure.{suffix}"
-    drawing.draw(history, path)
-    assert path.read_bytes().startswith(start)
-
-
 def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
     drawing.draw(history, path)
     text = path.read_text(encoding="utf-8")
     assert text.startswith("<?xml")
-    for letter, quantity in zip(
-        "abcdef", ("Measurement", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
-    ):
-        assert f"({letter})" in text
-        assert quantity in text
-    for name in history.names:
-        assert f">{name}<" in text
-    assert "time [s]" in text
+    quantities = ("Measurement", "Trajectories", "Heading", "error", "speeds", "Turn")
+    letters, names = (f"({letter})" for letter in "abcdef"), (f">{name}<" for name in history.names)
+    assert not [wanted for wanted in (*quantities, *letters, *names, "time [s]") if wanted not in text]
 
 
 def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path: Path) -> None:

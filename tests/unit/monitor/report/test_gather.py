@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +19,7 @@ from formation.monitor.report.gather import Run
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overlaps
 from formation.monitor.report.parts import View
 from formation.monitor.report.summary import notices, verdict
-from formation.monitor.report.thin import Extremes, Samples, Size, Spread
+from formation.monitor.report.thin import Curves, Extremes, Samples, Size, Spread
 from formation.protocol import order
 from formation.protocol.order import Ballot
 from formation.ros2.messages import Text
@@ -54,10 +54,9 @@ def test_rms_and_maximum_cover_whole_and_settled_run(run: Run) -> None:
     assert after.maximum < run.mission.settled <= 1.1 * after.maximum
     rms = math.sqrt(first**2 / (2.0 * math.log(2.0) * 12.0))  # of an error that halves every second
     assert whole.rms == pytest.approx(rms, rel=0.05)
-    assert run.robots["robot4"].error.whole.maximum == pytest.approx(
-        0.0, abs=1e-3
-    )  # a bent way, interpolated
-    assert run.robots["robot2"].error.whole.maximum == pytest.approx(first / 2.0, rel=0.05)
+    maxima = {name: run.robots[name].error.whole.maximum for name in ("robot2", "robot4")}
+    assert maxima["robot2"] == pytest.approx(first / 2.0, rel=0.05)
+    assert maxima["robot4"] == pytest.approx(0.0, abs=1e-3)  # a bent way, interpolated
 
 
 def test_heading_errors_and_true_error_come_from_ground_truth(run: Run) -> None:
@@ -83,9 +82,8 @@ def test_delays_are_from_stamps_and_answers_from_odometry(run: Run) -> None:
     assert run.late["position"].median == pytest.approx(0.002, abs=1e-5)
     assert run.late["odom"].median == pytest.approx(0.003, abs=1e-5)
     assert "cmd_vel" not in run.late  # a Twist has no stamp
-    answer = run.answers["robot3"]
-    assert answer.median == pytest.approx(0.002, abs=1e-5)
-    assert answer.count == commands(run, "robot3")
+    assert run.answers["robot3"].median == pytest.approx(0.002, abs=1e-5)
+    assert run.answers["robot3"].count == commands(run, "robot3")
 
 
 def test_a_command_that_answers_no_odometry_is_not_timed(tmp_path: Path) -> None:
@@ -119,19 +117,18 @@ def test_silence_at_the_common_end_is_no_loss(tmp_path: Path) -> None:
 
 
 def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
-    result = [
-        s for s in talk(Fleet(away=coming_in), 12.0) if s.arrived < START + 6.0 or "robot5" not in s.key
-    ]
-    reported = record(tmp_path / "run.mcap", result)
+    said = talk(Fleet(away=coming_in), 12.0)
+    reported = record(
+        tmp_path / "run.mcap", [s for s in said if s.arrived < START + 6.0 or "robot5" not in s.key]
+    )
     run = gathered(tmp_path / "run.mcap")
-    assert reported.settled_at is None
-    assert run.snapshot.settled_at is None
-    assert run.snapshot.final_error is None
+    assert reported.settled_at is run.snapshot.settled_at is run.snapshot.final_error is None
     assert run.known
-    assert [robot for robot, _ in summary.lost_robots(run.keys)] == ["robot5"]
-    assert summary.lost_robots(run.keys)[0][1] == pytest.approx(6.0, abs=0.1)
+    ((lost, at),) = summary.lost_robots(run.keys)
+    assert lost == "robot5"
+    assert at == pytest.approx(6.0, abs=0.1)
     assert "robot5" in " ".join(summary.notices(run))
-    assert any(event.kind == "lost" and event.robot == "robot5" for event in run.story.events)
+    assert ("lost", "robot5") in {(event.kind, event.robot) for event in run.story.events}
     numbers = {item.name: item.value for item in summary.items(run)}
     assert (numbers["formation_error"], numbers["formation_error_true"]) == (None, None)
     assert View.of([run]).until > 11.0  # what did not settle is shown to its end
@@ -141,8 +138,8 @@ def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
 
 
 def test_unknown_formation_error_keeps_other_figures(tmp_path: Path) -> None:
-    result = [sample for sample in talk(Fleet(away=coming_in), 4.0) if not sample.key.startswith("robot5")]
-    run = run_of(tmp_path, result)
+    said = talk(Fleet(away=coming_in), 4.0)
+    run = run_of(tmp_path, [sample for sample in said if not sample.key.startswith("robot5")])
     assert not run.known
     assert run.snapshot.settled_at is None
     assert run.robots["robot2"].error.whole.count > 10
@@ -173,15 +170,10 @@ def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
 
 
 def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
-    fleet = Fleet()
-    first = talk(fleet, 3.0)
-    fleet.shape = "wedge"
-    later = [sample for sample in talk(fleet, 6.0) if sample.arrived > first[-1].arrived + 0.05]
-    run = run_of(tmp_path, [*first, *later])
-    assert [(order.mode, order.wish.shape) for order in run.story.orders] == [
-        ("run", "hexagon"),
-        ("run", "wedge"),
-    ]
+    fleet = Fleet(wants=lambda time: {"shape": "wedge"} if time > START + 3.0 else {})
+    run = run_of(tmp_path, talk(fleet, 6.0))
+    orders = [(order.mode, order.wish.shape) for order in run.story.orders]
+    assert orders == [("run", "hexagon"), ("run", "wedge")]
     assert run.story.orders[1].at - run.start == pytest.approx(3.0, abs=0.3)
     assert {"joined", "order"} <= {event.kind for event in run.story.events}
 
@@ -199,12 +191,12 @@ def test_rejected_messages_are_counted_and_kept_out_of_the_delays(tmp_path: Path
 
 
 def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
-    result = [
+    silent = [
         sample
         for sample in talk(Fleet(), 6.0)
         if sample.key != POSITION.key("robot3") or not START + 2.0 < sample.arrived < START + 2.8
     ]
-    key = next(key for key in run_of(tmp_path, result).keys if key.key == POSITION.key("robot3"))
+    key = next(key for key in run_of(tmp_path, silent).keys if key.key == POSITION.key("robot3"))
     assert key.gap == pytest.approx(0.83, abs=0.06)
     assert key.gap_at == pytest.approx(2.0, abs=0.1)
     assert key.missed == 16
@@ -222,17 +214,18 @@ STANDBYS = "\n[standbys.spare1]\n[standbys.spare2]\n"
 
 
 def leading(
-    term: int, start: float, end: float, *, late: float = 0.0, publisher_id: str = ""
+    term: int, start: float, end: float, *, late: float = 0.0, publisher_id: str = "leader"
 ) -> list[Sample]:
     """What a leader says from one moment to another; it is received `late` after that."""
     fleet = Fleet(MISSION, term=term)
     samples = [fleet.position("robot1", time) for time in fleet.times("robot1", start, end)]
-    if publisher_id:
-        samples = [
-            one._replace(attachment=(one.attachment or b"").replace(b'"leader', b'"' + publisher_id.encode()))
-            for one in samples
-        ]
-    return [one._replace(arrived=one.arrived + late) for one in samples]
+    return [
+        one._replace(
+            attachment=(one.attachment or b"").replace(b'"leader', b'"' + publisher_id.encode()),
+            arrived=one.arrived + late,
+        )
+        for one in samples
+    ]
 
 
 def found_terms(samples: Iterable[Sample]) -> list[LeaderTerm]:
@@ -300,11 +293,8 @@ def test_candidate_without_lease_does_not_lead() -> None:
 
 
 def test_invalid_messages_create_no_leader() -> None:
-    rubbish = [
-        Sample("robot1/position", b"\0\1\0\0", b'{"publisher_id":"x"', 11.0),
-        sample_of(BALLOT.key("spare1"), Text("[]"), 12.0),
-    ]
-    assert not found_terms(rubbish)
+    position = Sample("robot1/position", b"\0\1\0\0", b'{"publisher_id":"x"', 11.0)
+    assert not found_terms([position, sample_of(BALLOT.key("spare1"), Text("[]"), 12.0)])
 
 
 @given(
@@ -366,24 +356,28 @@ def test_a_run_that_has_just_settled_says_the_rule() -> None:
     assert verdict(run).startswith("Converged: ")
 
 
+def thinned(rows: Iterable[Sequence[float]], **how: Any) -> Curves:
+    """What is kept of rows that come once a second."""
+    rows = list(rows)
+    series = Extremes(len(rows[0]), **how)
+    for i, row in enumerate(rows):
+        series.add(float(i), row)
+    return series.curves(0.0)
+
+
 def test_a_short_series_is_kept_as_it_is() -> None:
-    series = Extremes(2)
-    for i in range(100):
-        series.add(10.0 + i, (i, -i))
-    curves = series.curves(10.0)
-    time, values = curves.line(1)
+    time, values = thinned((i, -i) for i in range(100)).line(1)
     assert time == pytest.approx(np.arange(100.0))
     assert values == pytest.approx(-np.arange(100.0))
 
 
 def test_a_long_series_stays_bounded_keeps_its_beginning_and_every_peak() -> None:
-    series = Extremes(1, most=64, head=16)
-    for i in range(100_000):
-        series.add(float(i), (1000.0 if i == 54_321 else np.sin(i),))
-    curves = series.curves(0.0)
+    values = np.sin(np.arange(100_000.0))
+    values[54_321] = 1000.0
+    curves = thinned(values[:, None], most=64, head=16)
     assert len(curves.time) <= 64
     assert (curves.time[:16] == np.arange(16.0)).all()
-    assert (curves.low[:16, 0] == np.sin(np.arange(16.0))).all()
+    assert (curves.low[:16, 0] == values[:16]).all()
     assert np.nanmax(curves.high) == 1000.0
     assert (np.diff(curves.time) > 0.0).all()
     peak = curves.time[np.argmax(curves.high[:, 0])]
@@ -392,22 +386,15 @@ def test_a_long_series_stays_bounded_keeps_its_beginning_and_every_peak() -> Non
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
 def test_thinning_loses_no_extreme(values: list[float]) -> None:
-    series = Extremes(1, most=8, head=2)
-    for i, value in enumerate(values):
-        series.add(float(i), (value,))
-    curves = series.curves(0.0)
-    assert curves.low.min() == min(values)
-    assert curves.high.max() == max(values)
+    curves = thinned([(value,) for value in values], most=8, head=2)
+    assert (curves.low.min(), curves.high.max()) == (min(values), max(values))
     time, line = curves.line(0)
     assert len(time) == len(line) <= 16
     assert {min(values), max(values)} <= set(line)
 
 
 def test_what_is_not_known_does_not_hide_what_is() -> None:
-    series = Extremes(1, most=4, head=0)
-    for i in range(64):
-        series.add(float(i), (np.nan if i % 2 else 1.0,))
-    assert (series.curves(0.0).low == 1.0).all()
+    assert (thinned([(1.0,), (np.nan,)] * 32, most=4, head=0).low == 1.0).all()
 
 
 def test_vectors_are_thinned_to_the_first_of_each_few() -> None:
@@ -430,15 +417,10 @@ def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
     assert len(spread._values) <= 1024
 
 
-def test_of_nothing_there_is_no_percentile_and_no_rms() -> None:
-    assert Spread().percentile(0.5) is None
-    assert Size().rms is None
-    assert Size().maximum is None
-
-
 def test_rms_and_maximum_are_of_magnitudes() -> None:
     size = Size()
-    for value in (3.0, -4.0):
-        size.add(value)
+    assert (size.rms, size.maximum, Spread().percentile(0.5)) == (None, None, None)
+    size.add(3.0)
+    size.add(-4.0)
+    assert size.rms == pytest.approx(12.5**0.5)
     assert size.maximum == 4.0
-    assert size.rms == pytest.approx((12.5) ** 0.5)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -37,28 +39,23 @@ class Read(HTMLParser):
         assert self._open == []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.note(tag, attrs)
+        self.handle_startendtag(tag, attrs)
         if tag not in {"meta", "link", "br", "img"}:
             self._open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.note(tag, attrs)
 
     def handle_endtag(self, tag: str) -> None:
         assert self._open.pop() == tag
 
-    def note(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = dict(attrs)
         if tag in {"h1", "h2", "h3"}:
             self.heads.append(tag)
         if tag == "svg":
             assert values["role"] == "img"
             self.images.append(values["aria-label"] or "")
-        if (name := values.get("id")) is not None:
-            self.ids[name] += 1
-        for attribute in ("src", "href", "xlink:href", "action", "data"):
-            if (target := values.get(attribute)) and not target.startswith(("#", "data:")):
-                self.loads.append(target)
+        self.ids.update(filter(None, [values.get("id")]))
+        targets = (values.get(name) or "#" for name in ("src", "href", "xlink:href", "action", "data"))
+        self.loads += [target for target in targets if not target.startswith(("#", "data:"))]
 
 
 @pytest.fixture(scope="module")
@@ -75,16 +72,19 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
 
 
+def made(folder: Path, *names: str, check: str = "", **how: Any) -> str:
+    """The page of these recordings."""
+    return page([ReportedRun(gathered(folder / f"{name}.mcap"), check) for name in names], **how)
+
+
 @pytest.fixture(scope="module")
 def one(folder: Path) -> str:
-    return page(
-        [ReportedRun(gathered(folder / "field.mcap"), "check: <nothing> speaks against it")], made="today"
-    )
+    return made(folder, "field", check="check: <nothing> speaks against it", made="today")
 
 
 @pytest.fixture(scope="module")
 def two(folder: Path) -> str:
-    return page([ReportedRun(gathered(folder / f"{law}.mcap"), law) for law in ("field", "paper")])
+    return made(folder, "field", "paper")
 
 
 IMAGES = {"one": 8, "two": 1 + 2 * 6 + 2}
@@ -128,7 +128,7 @@ def test_text_in_pictures_stays_text_and_follows_the_pages_colours(one: str) -> 
 
 @pytest.mark.usefixtures("no_pictures")
 def test_two_runs_stand_beside_each_other_with_their_ratio(folder: Path) -> None:
-    two = page([ReportedRun(gathered(folder / f"{law}.mcap"), law) for law in ("field", "paper")])
+    two = made(folder, "field", "paper")
     assert "A: six-robots, field law" in two
     assert "B: six-robots, paper law" in two
     assert "ratio B : A" in two
@@ -153,29 +153,19 @@ def test_a_law_alone_makes_no_other_mission(folder: Path) -> None:
 
 
 def test_what_a_robot_says_cannot_become_part_of_the_page(tmp_path: Path) -> None:
-    result = talk(Fleet(), 1.0)
-    bad = [
-        sample._replace(attachment=b"<script>alert(1)</script>")
-        for sample in result
-        if "robot1/" in sample.key
-    ]
+    script = b"<script>alert(1)</script>"
+    bad = [one._replace(attachment=script) for one in talk(Fleet(), 1.0) if "robot1/" in one.key]
     record(tmp_path / "run.mcap", bad)
-    assert "<script" not in page([ReportedRun(gathered(tmp_path / "run.mcap"), "<script>")])
+    assert "<script" not in made(tmp_path, "run", check="<script>")
 
 
 def test_pages_of_runs_of_which_little_is_known_are_made(tmp_path: Path) -> None:
-    reported = talk(Fleet(), 1.0)
-    for name, result in {
-        "empty": [],
-        "unknown": [sample for sample in reported if "robot3" not in sample.key],
-        "one": reported[:1],
-    }.items():
-        record(tmp_path / f"{name}.mcap", result)
-    one, *both = (
-        ReportedRun(gathered(tmp_path / f"{name}.mcap"), "") for name in ("one", "empty", "unknown")
-    )
-    Read(page([one]))
-    Read(page(both))
+    said = talk(Fleet(), 1.0)
+    record(tmp_path / "empty.mcap", [])
+    record(tmp_path / "unknown.mcap", [sample for sample in said if "robot3" not in sample.key])
+    record(tmp_path / "one.mcap", said[:1])
+    Read(made(tmp_path, "one"))
+    Read(made(tmp_path, "empty", "unknown"))
 
 
 def test_an_inlined_figure_has_ids_of_its_own() -> None:
@@ -187,41 +177,24 @@ def test_an_inlined_figure_has_ids_of_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("write", "value", "text"),
+    ("write", "texts"),
     [
-        (words.length, 13.87, "13.9 m"),
-        (words.length, 0.99951, "1.00 m"),
-        (words.length, 0.0426, "4.26 cm"),
-        (words.length, 0.00232, "2.32 mm"),
-        (words.length, 1.097e-6, "1.10 µm"),
-        (words.length, 1e-9, "<0.01 µm"),
-        (words.length, 0.0, "0 m"),
-        (words.length, None, "–"),
-        (words.length, float("nan"), "–"),
-        (words.bound, 0.05, "5 cm"),
-        (words.bound, 2.5, "2.5 m"),
-        (words.seconds, 3.600066, "3.60 s"),
-        (words.seconds, -2.5, "−2.50 s"),
-        (words.lasting, 34.02, "34.0 s"),
-        (words.lasting, 725.0, "12 min 5 s"),
-        (words.lasting, 3725.0, "1 h 2 min"),
-        (words.milliseconds, 0.00231, "2.31 ms"),
-        (words.milliseconds, 12.34, "12.3 s"),
-        (words.degrees, 0.0669, "3.83°"),
-        (words.share, 0.0, "0 %"),
-        (words.share, 0.0001, "<0.1 %"),
-        (words.share, 0.449, "44.9 %"),
-        (words.rate, 20.012, "20.0 Hz"),
-        (words.whole, 13798, "13,798"),
-        (words.size, 903_800, "903.8 kB"),
-        (words.ratio, 7.72, "× 7.72"),
-        (words.ratio, 32253.4, "× 32,253"),
-        (words.ratio, 0.0437, "× 0.044"),
-        (words.ratio, 0.0001, "× <0.001"),
-        (words.ratio, 0.0, "× 0"),
+        (words.length, {13.87: "13.9 m", 0.99951: "1.00 m", 0.0426: "4.26 cm", 0.00232: "2.32 mm",
+                        1.097e-6: "1.10 µm", 1e-9: "<0.01 µm", 0.0: "0 m", None: "–", math.nan: "–"}),
+        (words.bound, {0.05: "5 cm", 2.5: "2.5 m"}),
+        (words.seconds, {3.600066: "3.60 s", -2.5: "−2.50 s"}),
+        (words.lasting, {34.02: "34.0 s", 725.0: "12 min 5 s", 3725.0: "1 h 2 min"}),
+        (words.milliseconds, {0.00231: "2.31 ms", 12.34: "12.3 s"}),
+        (words.degrees, {0.0669: "3.83°"}),
+        (words.share, {0.0: "0 %", 0.0001: "<0.1 %", 0.449: "44.9 %"}),
+        (words.rate, {20.012: "20.0 Hz"}),
+        (words.whole, {13798: "13,798"}),
+        (words.size, {903_800: "903.8 kB"}),
+        (words.ratio, {7.72: "× 7.72", 32253.4: "× 32,253", 0.0437: "× 0.044", 0.0001: "× <0.001",
+                       0.0: "× 0"}),
     ],
-)
+)  # fmt: skip
 def test_a_quantity_is_written_for_people(
-    write: Callable[[float | None], str], value: float, text: str
+    write: Callable[[float | None], str], texts: dict[float | None, str]
 ) -> None:
-    assert write(value) == text
+    assert {value: write(value) for value in texts} == texts

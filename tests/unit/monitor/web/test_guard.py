@@ -46,21 +46,16 @@ def test_name_that_page_is_bound_to_is_accepted() -> None:
     assert host_is_ours("fleet.example:80", names_of("desk", "Fleet.example"))
 
 
+@pytest.mark.parametrize("origin", [None, "http://desk:8460", "http://DESK:8460"])
+def test_request_of_the_own_page_is_accepted(origin: str | None) -> None:
+    assert origin_is_ours(origin, "desk:8460")
+
+
 @pytest.mark.parametrize(
-    ("origin", "ours"),
-    [
-        (None, True),
-        ("http://desk:8460", True),
-        ("http://DESK:8460", True),
-        ("http://desk:8461", False),
-        ("https://desk:8460", False),
-        ("http://attacker.example", False),
-        ("null", False),
-        ("", False),
-    ],
+    "origin", ["http://desk:8461", "https://desk:8460", "http://attacker.example", "null", ""]
 )
-def test_a_request_of_another_page_is_told_by_its_origin(origin: str | None, ours: bool) -> None:
-    assert origin_is_ours(origin, "desk:8460") is ours
+def test_request_of_another_page_is_refused(origin: str) -> None:
+    assert not origin_is_ours(origin, "desk:8460")
 
 
 def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int, dict[str, str]]:
@@ -95,11 +90,12 @@ def test_only_own_hosts_and_origins_are_allowed() -> None:
     assert answered(host="attacker.example")[0] == 421
     assert answered()[0] == 421
     assert answered("POST", host="desk", origin="http://desk")[0] == 299
-    assert answered("POST", host="desk", origin="http://attacker.example")[0] == 403
-    assert answered("DELETE", host="desk", origin="http://attacker.example")[0] == 403
-    assert (
-        answered("GET", host="desk", origin="http://attacker.example")[0] == 299
-    )  # browsers keep it from him
+    for method, code in (
+        ("POST", 403),
+        ("DELETE", 403),
+        ("GET", 299),
+    ):  # browsers keep answers to GET from it
+        assert answered(method, host="desk", origin="http://attacker.example")[0] == code
     for path in ("/" + 2000 * "a", "/?" + 2000 * "a"):
         assert answered(path=path, host="desk")[0] == 414
 
@@ -107,12 +103,12 @@ def test_only_own_hosts_and_origins_are_allowed() -> None:
 @pytest.mark.parametrize("host", ["desk", "attacker.example"])
 def test_every_answer_tells_browsers_to_run_nothing_that_is_not_ours(host: str) -> None:
     headers = answered(host=host)[1]
-    assert headers["content-security-policy"].startswith("default-src 'self';")
-    assert "unsafe" not in headers["content-security-policy"]
-    assert "frame-ancestors 'none'" in headers["content-security-policy"]
-    assert headers["x-content-type-options"] == "nosniff"
-    assert headers["x-frame-options"] == "DENY"
-    assert headers["referrer-policy"] == "no-referrer"
-    assert headers["cross-origin-opener-policy"] == "same-origin"
-    assert headers["cross-origin-resource-policy"] == "same-origin"
+    policy = headers["content-security-policy"]
+    assert policy.startswith("default-src 'self';")
+    assert "unsafe" not in policy
+    assert "frame-ancestors 'none'" in policy
     assert "access-control-allow-origin" not in headers
+    assert headers.items() >= {
+        "x-content-type-options": "nosniff", "x-frame-options": "DENY", "referrer-policy": "no-referrer",
+        "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
+    }.items()  # fmt: skip

@@ -47,10 +47,8 @@ def test_health_decreases_with_silence_to_zero() -> None:
 
 def test_a_robot_that_speaks_slowly_may_be_silent_for_longer() -> None:
     slow = SPEC.model_copy(update={"rate": 1.0})
-    limit = freshness_limit(slow.rate)
-    shares = [
-        health("robot3", replace(well(), age=share * limit, rate=1.0), slow).share for share in (1, 1.5, 2)
-    ]
+    ages = (share * freshness_limit(slow.rate) for share in (1.0, 1.5, 2.0))
+    shares = [health("robot3", replace(well(), age=age, rate=1.0), slow).share for age in ages]
     assert shares == [1.0, pytest.approx(0.5), 0.0]
 
 
@@ -63,18 +61,14 @@ def test_half_the_promised_rate_is_about_half_the_health() -> None:
 
 
 def test_lost_messages_count_as_long_as_they_are_recent() -> None:
-    fleet = Fleet()
-    kept = [
-        one for i, one in enumerate(fleet.positions(10.0, 14.0)) if i % 5 or not one.key.startswith("robot3")
-    ]
-    metrics = received(fleet, *kept, status("robot3", 13.9, "run", "fine"))
+    positions = enumerate(Fleet().positions(10.0, 14.0))
+    kept = [one for i, one in positions if i % 5 or not one.key.startswith("robot3")]
+    metrics = received(Fleet(), *kept, status("robot3", 13.9, "run", "fine"))
     bad = metrics.snapshot(now(14.0)).robots["robot3"]
-    loss = bad.keys[KEY].loss
-    assert loss is not None
-    assert 0.1 < loss < 0.3
+    assert 0.1 < (bad.keys[KEY].loss or 0.0) < 0.3
     assert of(bad).share < 0.7
     assert of(bad).why.endswith("% of its positions missed")
-    receive(metrics, [*fleet.positions(14.0, 17.0), status("robot3", 16.9, "run", "fine")])
+    receive(metrics, [*Fleet().positions(14.0, 17.0), status("robot3", 16.9, "run", "fine")])
     assert metrics.snapshot(now(17.0)).robots["robot3"].keys[KEY].loss == 0.0
 
 

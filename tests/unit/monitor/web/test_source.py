@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -110,25 +110,15 @@ def test_what_is_no_json_is_refused_where_it_is_put_in() -> None:
 
 def test_one_thread_may_put_in_while_another_takes_out() -> None:
     one = source()
-    failed: list[BaseException] = []
 
     def put() -> None:
         for number in range(3000):
             one.observe(float(number), 0.1)
             one.note(happened(number))
 
-    def take() -> None:
-        try:
-            while putting.is_alive():
-                hello(one.greeting().chunk)
-                one.events(-1)
-        except Exception as error:  # noqa: BLE001 - told below
-            failed.append(error)
-
-    putting = threading.Thread(target=put)
-    taking = threading.Thread(target=take)
-    putting.start()
-    taking.start()
-    putting.join()
-    taking.join()
-    assert failed == []
+    with ThreadPoolExecutor() as threads:
+        putting = threads.submit(put)
+        while not putting.done():
+            hello(one.greeting().chunk)
+            one.events(-1)
+    putting.result()
