@@ -82,24 +82,15 @@ def test_robot_stands_while_cut_off_or_frozen(rehearsed_fleet: MakeRehearsed) ->
     fleet.run_until_settled()
 
 
-def test_standby_leads_after_leader_is_killed(rehearsed_fleet: MakeRehearsed) -> None:
-    fleet = rehearsed_fleet("patrol")
-    fleet.run(5.0)
-    first = fleet.leader
-    fleet.kill(first)
-    fleet.run(5.0)
-    assert fleet.leader != first
-
-
 def test_same_calls_give_the_same_run(rehearsed_fleet: MakeRehearsed) -> None:
-    def run() -> list[complex]:
-        fleet = rehearsed_fleet("turtlebot3_pair", seed=3, loss=0.05, delay=0.02)
+    def run(seed: int) -> list[complex]:
+        fleet = rehearsed_fleet("turtlebot3_pair", seed=seed, loss=0.05, delay=0.02)
         fleet.run(3.0)
         fleet.order("rotate", degrees=20.0)
         fleet.run(3.0)
         return [fleet.position(name) for name in fleet.mission.followers]
 
-    assert run() == run()
+    assert run(3) == run(3) != run(4)
 
 
 def test_mission_may_be_its_text(rehearsed_fleet: MakeRehearsed) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import pytest
 
@@ -14,8 +14,8 @@ from tests.support.seeing import HEXAGON, TRIANGLE, hexagon
 MISSION = hexagon(simulated="drift = 0.0")
 
 
-@pytest.mark.parametrize("robots", [TRIANGLE, *slow(HEXAGON)], ids=len)
-def test_robots_that_see_each_other_settle(robots: Iterable[str]) -> None:
+@pytest.mark.parametrize("robots", [TRIANGLE, *slow(list(HEXAGON))], ids=len)
+def test_robots_that_see_each_other_settle(robots: Sequence[str]) -> None:
     verdict = run(Plan(hexagon(robots=robots, simulated="drift = 0.0")), 0, ())
     assert verdict.violations == ()
     assert verdict.settled_at is not None
