@@ -10,6 +10,7 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import read
+from tests.campaigns.defects.plan import MISSIONS
 from tests.support.examples import slow
 from tests.support.missions import with_keys
 
@@ -31,9 +32,9 @@ def at_rest(fleet: RehearsedFleet) -> bool:
 
 def test_robots_follow_a_driven_leader(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("convoy")
-    fleet.drive(0.1, seconds=12.0)
-    fleet.drive(0.1, 0.1, seconds=6.0)
-    fleet.drive(0.1, seconds=6.0)
+    fleet.drive(0.1, seconds=9.0)
+    fleet.drive(0.1, 0.1, seconds=4.0)
+    fleet.drive(0.1, seconds=5.0)
     assert fleet.error() < 0.1
     assert fleet.position("robot1").real > 1.0
 
@@ -66,7 +67,7 @@ def test_all_robots_stand_soon_after_a_failure(
 
 
 def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehearsed) -> None:
-    fleet = rehearsed_fleet("patrol")
+    fleet = rehearsed_fleet(MISSIONS / "trio.toml")
     fleet.drive(0.1, seconds=4.0)
     fleet.drive(0.1, seconds=1.0)
     fleet.kill(fleet.leader)
