@@ -120,7 +120,7 @@ def test_message_after_the_last_step_of_the_monitor_is_not_missed(
 def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
     monkeypatch.setattr(report, "analyse", lambda _: None)  # which would compile the law
-    monkeypatch.setattr(report.check, "words", lambda *_: "")
+    monkeypatch.setattr("formation.deploy.check.words", lambda *_: "")
     path = tmp_path / "run.mcap"
     flags = ["--faults", "none", "--record", str(path), "--noise", "0.001", "--json"]
     assert main(["turtlebot3_pair", *flags]) == 0

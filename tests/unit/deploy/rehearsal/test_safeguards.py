@@ -86,58 +86,59 @@ def drives_in_hold(commander: Any, _: Any) -> list[Outgoing]:
 
 
 def commanding(command: Command) -> dict[str, Any]:
-    """From ten seconds on, whatever the law wants."""
+    """From two seconds on, whatever the law wants."""
     say = Commander.say
     return {
         "agent.safety.commander.Commander.say": lambda one, now, wanted, state: say(
-            one, now, command if now.mono > 1010.0 else wanted, state
+            one, now, command if now.mono > 1002.0 else wanted, state
         )
     }
 
 
 IMPATIENT = {
+    "deploy.rehearsal.rehearsal.START_TIME": 5.0,
     "deploy.rehearsal.rehearsal.RECOVERY_TIME": 5.0,
     "deploy.rehearsal.rules.judge.RECOVERY_TIME": 5.0,
 }
 DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
-    "follows a silent robot": (TRIO, "robot1:kill@5+3", "follow",
+    "follows a silent robot": (TRIO, "robot1:kill@3+2", "follow",
         {"agent.pose.stream.Stream.fresh": lambda stream, _: stream.state.arrived is not None}),
     "does not name a lost leader": (PAIR, "leader:kill@6+4", "follow", without_row(beat_silence=9.0)),
-    "takes late orders": (MEASURED, "robot1:late=0.5@5+8", "orders",
+    "takes late orders": (MEASURED, "robot1:late=0.5@3+8", "orders",
         {"agent.following.orders.Orders._check_late": nothing}),  # as late positions are refused by others
     "takes repeated positions": (TRIO, "robot1:again=2@4+10 robot1:kill@7+4", "orders",
         {"agent.following.publisher.AcceptedPublisher._judge": nothing}),
-    "tears the file of stops": (TRIO, "robot1:stop@4+8 robot2:torn@7+2", "restored",
+    "tears the file of stops": (TRIO, "robot1:stop@3+4 robot2:torn@4+2", "restored",
         {"deploy.rehearsal.power_cut.FailingPath.with_suffix": lambda path, _: path}),
-    "tears the file of states": (TRIO, "robot1:torn@5+1", "restored",
+    "tears the file of states": (TRIO, "robot1:torn@3+1", "restored",
         {"deploy.rehearsal.fleet.state_in": lambda data: data}),
-    "forgets a vote": (TRIO, "robot1:kill@5+3", "restored",
+    "forgets a vote": (TRIO, "robot1:kill@3+2", "restored",
         {"agent.persistence.restore.Restorer.take_saved": lambda *_: Taken(None, "")}),
-    "restores an old integral": (PAPER, "robot1:kill@5+6", "restored",
+    "restores an old integral": (PAPER, "robot1:kill@3+6", "restored",
         {"agent.persistence.restore.MAX_INTEGRAL_AGE": 60.0}),
-    "votes at once": (TRIO, "robot1:kill@5+3", "votes",
+    "votes at once": (TRIO, "robot1:kill@3+2", "votes",
         {"protocol.election.Voter.__init__": votes_at_once}),
     "runs while stopped": (PAIR, "robot1:stop@4+5 robot2:waver@5+2", "answer",
         {"protocol.stops.Rest._run": obeys_run}),
     "starts when released": (AVOIDING, "robot1:stop@5+3", "release",
         {"protocol.stops.Rest._release": released}),
-    "is never released": (AVOIDING, "robot1:stop@12+3", "formation",
+    "is never released": (AVOIDING, "robot1:stop@3+2", "formation",
         {"protocol.stops.Rest._release": lambda *_: Result(ok=False, code="another"), **IMPATIENT}),
     "does not wait for the disk": (AVOIDING, "robot1:full@4+5 robot1:stop@5+2", "stop",
         {"deploy.rehearsal.fleet.AgentFiles.written": lambda *_: True}),
     "never writes a stop": (AVOIDING, "robot1:stop@5+3", "stop",
         {"agent.persistence.restore.Persistence.requested": nothing}),
-    "forgets a stop": (SIX, "robot1:stop@8+5", "stop",
+    "forgets a stop": (TRIO, "robot1:stop@3+3", "stop",
         {"deploy.rehearsal.operator.Operator.__init__": orders_followers_only,
          "agent.safety.latch.Latch.mode": property(nothing)}),
     "leader does not inherit a stop": (TRIO,
-        "robot1:stop@4+8 leader:kill@6+2 deputy:kill@6+2 reserve:kill@6+2", "stop",
+        "robot1:stop@3+5 leader:kill@4+2 deputy:kill@4+2 reserve:kill@4+2", "stop",
         {"leader.plan.TeamMode.inherit_stop": nothing}),
     "drives in hold": (SIX, "", "zero", {"agent.safety.commander.Commander.rest": drives_in_hold}),
     "leader drives while the team rests": (PAIR, "robot1:hold@5+3", "zero",
         {"leader.plan.Plan.go_on":
          lambda plan, mono, dt, _, honest=LeaderPlan.go_on: honest(plan, mono, dt, "run")}),
-    "drives beside a second agent": (AVOIDING, "robot1:second@5+4", "alone", without_row(rival=True)),
+    "drives beside a second agent": (AVOIDING, "robot1:second@3+4", "alone", without_row(rival=True)),
     "drives beside another mission": (AVOIDING, "robot2:mixed@5+4", "mission",
         without_row(other_missions={"robot2": "89ef4567"})),
     "drives after a kill": (PAIR, "robot1:kill@5+4", "watchdog",
@@ -146,21 +147,21 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
         {"agent.watchdog.core.Watchdog._silent": lambda *_: False}),
     "does not name a freeze": (PAIR, "robot1:freeze@5+2", "named",
         {"agent.inbox.Wakefulness.step": lambda *_: False}),
-    "does not name wrong speeds": (TRIO, "robot3:speeds=0@6+6", "named",
+    "does not name wrong speeds": (TRIO, "robot3:speeds=0@4+6", "named",
         {"agent.pose.motion_check.MotionCheck._contradiction": nothing}),
-    "does not name a frozen sensor": (MEASURED, "robot3:relative_frozen@6+6", "named",
+    "does not name a frozen sensor": (MEASURED, "robot3:relative_frozen@4+6", "named",
         {"agent.following.relative_check.RelativeCheck.saw": nothing}),
-    "does not name a frozen scanner": (POSTS, "robot1:scan_frozen@6+8", "named",
+    "does not name a frozen scanner": (POSTS, "robot1:scan_frozen@3+8", "named",
         {"agent.safety.scanner.Scanner._compare": nothing}),
-    "does not name a second publisher": (TRIO, "robot1:second@5+4", "named",
+    "does not name a second publisher": (TRIO, "robot1:second@3+4", "named",
         {"agent.following.publisher.AcceptedPublisher.admit": admits_any}),
     "counts repeated measurements": (PAIR, "robot1:repeat=0.12@4+2", "named",
         {"agent.pose.stream.Stream._agree": lambda *_: True}),
-    "drives on late positions": (PAIR, "robot2:stale=0.5@8+8", "blind",
+    "drives on late positions": (PAIR, "robot2:stale=0.5@4+8", "blind",
         {"agent.core.own_age_limit": lambda *_: 100.0}),
-    "drives on frozen positions": (PAIR, "robot2:frozen@8+8", "blind",
+    "drives on frozen positions": (PAIR, "robot2:frozen@4+8", "blind",
         {"agent.pose.motion_check.MAX_COMMAND_LOOP_DELAY": 100.0}),
-    "leader waits too long": (TRIO, "robot3:blocked@6+12", "wait",
+    "leader waits too long": (TRIO, "robot3:blocked@3+9", "wait",
         {"leader.cohesion.Cohesion._given_up": lambda *_: set()}),
     "takes no detour": (BLOCKED, "robot2:kill@0.5 robot3:kill@0.5", "detour",
         {"control.avoidance.DEADLOCK_DELAY": 500.0}),
@@ -169,8 +170,8 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
          "control.pipeline.brake": lambda wanted, *_: wanted}),
     "adds up what it rounds": (PAIR, "", "steps",
         {"control.pipeline.quantise": lambda quantiser, wanted, _: quantise(quantiser, wanted, AT_REST)}),
-    "commands too fast": (SIX, "", "limits", commanding(Command(3.0, 0.0))),
-    "commands too suddenly": (SIX, "", "ramp", commanding(Command(1.0, 0.0))),
+    "commands too fast": (TRIO, "", "limits", commanding(Command(3.0, 0.0))),
+    "commands too suddenly": (TRIO, "", "ramp", commanding(Command(-0.8, 0.0))),
     "two candidates lead": (PATROL, "", "leaders", {"leader.candidacy.Candidacy.lease_end":
          property(lambda one: float("inf") if one._rank < 2 else 0.0)}),
     "nobody leads": (PAIR, "leader:kill@6+1", "led", {"deploy.rehearsal.fleet.Fleet.start": nothing}),
