@@ -33,41 +33,47 @@ def led(at: float, publisher_id: str = "a", term: int = 1) -> Led:
     return Led(at, 0j, publisher_id, term, "run", tuple(map(complex, SIX.slots())))
 
 
-def test_the_peak_is_the_largest_share_of_either_limit() -> None:
-    assert Motion.of(commands(0.2, 0.9, 0.3), ROBOT).peak == pytest.approx(0.9)
+@pytest.mark.parametrize(
+    ("given", "peak", "jump", "zeros"),
+    [
+        ([], 0.0, 0.0, 0),
+        (commands(0.2, 0.9, 0.3), 0.9, 0.7, 0),
+        (commands(0.1, 0.3, 0.4), 0.4, 0.2, 0),
+        (commands(0.0, 0.7), 0.7, 0.7, 0),
+        (commands(0.4, -0.4), 0.4, 0.8, 0),
+        (commands(0.9, 0.0, 0.0, 0.3, 0.0), 0.9, 0.3, 2),  # to zero is the failsafe's right, and counted
+        (commands(0.9, 1e-6), 0.9, 0.9, 0),
+    ],
+)
+def test_motion_has_peak_and_largest_jump(
+    given: Sequence[Commanded], peak: float, jump: float, zeros: int
+) -> None:
+    motion = Motion.of(given, ROBOT)
+    assert (motion.peak, motion.jump) == pytest.approx((peak, jump), abs=1e-5)
+    assert motion.zeros == zeros
+
+
+def test_peak_counts_turn_rate_as_well() -> None:
     assert Motion.of(commands(0.2, turn_rate=-1.2 * TURN), ROBOT).peak == pytest.approx(1.2)
-    assert Motion.of([], ROBOT).peak == 0.0
 
 
-def test_only_commands_above_a_limit_are_faults() -> None:
-    assert judge.faults(Motion.of(commands(1.0), ROBOT)) == []
-    assert judge.faults(Motion.of(commands(1.001), ROBOT)) == ["a command was 100.1 % of a limit"]
+@pytest.mark.parametrize(
+    ("given", "faults"),
+    [
+        (commands(1.0), []),
+        (commands(1.001), ["a command was 100.1 % of a limit"]),
+        (commands(0.0, 0.49), []),
+        (commands(0.0, 0.51), ["a command jumped by 51 % of a limit"]),
+    ],
+)
+def test_only_commands_above_a_limit_and_large_jumps_are_faults(
+    given: Sequence[Commanded], faults: list[str]
+) -> None:
+    assert judge.faults(Motion.of(given, ROBOT)) == faults
 
 
 def test_a_command_that_is_no_number_is_over_every_limit() -> None:
-    broken = [Commanded(0.0, float("nan"), 0.0)]
-    assert judge.faults(Motion.of(broken, ROBOT))
-
-
-def test_jump_is_difference_of_consecutive_commands() -> None:
-    assert Motion.of(commands(0.1, 0.3, 0.4), ROBOT).jump == pytest.approx(0.2)
-    assert Motion.of(commands(0.0, 0.7), ROBOT).jump == pytest.approx(0.7)
-    assert Motion.of(commands(0.4, -0.4), ROBOT).jump == pytest.approx(0.8)
-
-
-def test_a_jump_of_more_than_half_a_limit_is_a_fault() -> None:
-    assert judge.faults(Motion.of(commands(0.0, 0.49), ROBOT)) == []
-    assert judge.faults(Motion.of(commands(0.0, 0.51), ROBOT)) == ["a command jumped by 51 % of a limit"]
-
-
-def test_a_jump_to_zero_is_the_failsafes_right_and_is_counted() -> None:
-    motion = Motion.of(commands(0.9, 0.0, 0.0, 0.3, 0.0), ROBOT)
-    assert motion.jump == pytest.approx(0.3)
-    assert motion.zeros == 2
-
-
-def test_a_small_command_is_not_zero() -> None:
-    assert Motion.of(commands(0.9, 1e-6), ROBOT).jump > 0.8
+    assert judge.faults(Motion.of([Commanded(0.0, float("nan"), 0.0)], ROBOT))
 
 
 @pytest.mark.parametrize(
@@ -87,19 +93,21 @@ def test_the_error_is_back_from_when_it_stays_small(errors: Sequence[float], exp
     assert judge.settled_at(times, np.array(errors)) == pytest.approx(expected)
 
 
-def test_robot_stopped_from_first_of_the_final_zeros() -> None:
-    assert judge.stood(commands(0.5, 0.5, 0.0, 0.0, 0.0), 0.0, 1.0) == pytest.approx(0.10)
-    assert judge.stood(commands(0.5, 0.0, 0.5, 0.0, 0.0), 0.0, 1.0) == pytest.approx(0.15)
-
-
-def test_a_robot_stood_at_once_if_it_was_told_so_before() -> None:
-    assert judge.stood(commands(0.5, 0.0), 0.2, 1.0) == 0.0
-
-
-def test_robot_with_last_command_to_drive_never_stood() -> None:
-    assert judge.stood(commands(0.5, 0.0, 0.5), 0.0, 1.0) is None
-    assert judge.stood(commands(0.5), 0.2, 1.0) is None
-    assert judge.stood([], 0.0, 1.0) is None
+@pytest.mark.parametrize(
+    ("given", "since", "expected"),
+    [
+        (commands(0.5, 0.5, 0.0, 0.0, 0.0), 0.0, 0.10),
+        (commands(0.5, 0.0, 0.5, 0.0, 0.0), 0.0, 0.15),
+        (commands(0.5, 0.0), 0.2, 0.0),  # it was told so before
+        (commands(0.5, 0.0, 0.5), 0.0, None),
+        (commands(0.5), 0.2, None),
+        ([], 0.0, None),
+    ],
+)
+def test_robot_stands_from_first_of_the_final_zeros(
+    given: Sequence[Commanded], since: float, expected: float | None
+) -> None:
+    assert judge.stood(given, since, 1.0) == pytest.approx(expected)
 
 
 def test_continuing_robot_was_commanded_without_stop_or_gap() -> None:
@@ -113,17 +121,14 @@ def test_continuing_robot_was_commanded_without_stop_or_gap() -> None:
 def test_one_leader_after_the_other_are_no_rivals() -> None:
     leads = [led(0.0), led(1.0), led(1.5, "b", 2), led(2.0, "b", 2)]
     assert judge.rivals(leads) == []
-    assert [leader_term.publisher_id for leader_term in judge.leader_terms(leads)] == ["a", "b"]
+    assert [one.publisher_id for one in judge.leader_terms(leads)] == ["a", "b"]
+    assert judge.rivals([led(0.0), led(1.0), led(2.0, "a2", 3)]) == []
 
 
 def test_alternating_or_returning_publishers_are_rivals() -> None:
     ((one, other),) = judge.rivals([led(0.0), led(1.0, "b", 2), led(1.1), led(2.0, "b", 2)])
     assert (one.publisher_id, other.publisher_id) == ("a", "b")
     assert judge.rivals([led(0.0), led(1.0, "b", 2), led(3.0)])
-
-
-def test_new_term_of_the_same_leader_is_separate() -> None:
-    assert judge.rivals([led(0.0), led(1.0), led(2.0, "a2", 3)]) == []
 
 
 def test_takeover_ends_with_first_message_of_new_leader() -> None:
@@ -197,7 +202,5 @@ def test_robots_without_running_neighbour_are_holders() -> None:
 
 
 def test_growth_counts_after_fifth_minute_of_old_processes() -> None:
-    young = [Reading(age, 100) for age in (0.0, 100.0, 400.0)]
-    old = [Reading(0.0, 50), Reading(310.0, 100), Reading(900.0, 107)]
-    assert growth(young) is None
-    assert growth(old) == pytest.approx(1.07)
+    assert growth([Reading(age, 100) for age in (0.0, 100.0, 400.0)]) is None
+    assert growth([Reading(0.0, 50), Reading(310.0, 100), Reading(900.0, 107)]) == pytest.approx(1.07)

@@ -30,22 +30,17 @@ SEEDS = range(200)
 FINE = Trial(0, worse=True, posts=1, nearest_post=0.1, nearest_body=0.1, error=0.5 * FORMED, deadlocks=0)
 
 
-def test_layout_leaves_gaps_and_crosses_formation_path() -> None:
+def test_layout_leaves_gaps_crosses_the_path_and_needs_a_detour() -> None:
     for found in map(layout, SEEDS):
         assert 1 <= len(found) <= MOST
         for one, other in combinations(found, 2):
             assert abs(one.at - other.at) - one.radius - other.radius >= GAP
-        for post in found:
-            ahead = post.at * HEAD.conjugate()
-            assert NEAR <= ahead.real <= FAR
-            assert min(tracks()) - ASIDE <= ahead.imag <= max(tracks()) + ASIDE
-            assert THIN <= post.radius <= THICK
-
-
-def test_every_layout_needs_a_detour_round_a_post() -> None:
-    for found in map(layout, SEEDS):
-        sides = [(post, (post.at * HEAD.conjugate()).imag) for post in found]
-        assert any(abs(side - track) < post.radius + BODY for post, side in sides for track in tracks())
+        places = [(post.radius, post.at * HEAD.conjugate()) for post in found]
+        for radius, place in places:
+            assert NEAR <= place.real <= FAR
+            assert min(tracks()) - ASIDE <= place.imag <= max(tracks()) + ASIDE
+            assert THIN <= radius <= THICK
+        assert any(abs(place.imag - track) < radius + BODY for radius, place in places for track in tracks())
 
 
 def test_layouts_are_the_same_each_time_and_others_with_another_seed() -> None:
@@ -63,11 +58,9 @@ def test_no_robot_starts_in_a_post() -> None:
 
 
 def test_only_the_worse_scanner_has_noise_and_losses() -> None:
-    worse, clean = (
-        mission(layout(0), worse=one).simulated_scanner.scanner(ScanSpec()) for one in (True, False)
-    )
-    assert (worse.lost, worse.noise, worse.relative_noise) == (0.1, 0.005, 0.0175)
-    assert (clean.lost, clean.noise, clean.relative_noise) == (0.0, 0.0, 0.0)
+    for worse, expected in ((True, (0.1, 0.005, 0.0175)), (False, (0.0, 0.0, 0.0))):
+        scanner = mission(layout(0), worse=worse).simulated_scanner.scanner(ScanSpec())
+        assert (scanner.lost, scanner.noise, scanner.relative_noise) == expected
 
 
 @pytest.mark.parametrize(

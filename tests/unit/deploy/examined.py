@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import accumulate
 from typing import Any
 
 from formation.deploy.doctor.cli import EXAMINATIONS
@@ -36,24 +37,17 @@ def stream(
 
 def paused(*pauses: float) -> Stream:
     """20 Hz for 3 s, with pauses."""
-    at, received = 0.0, []
     waits = [*pauses, *[0.05] * round((3.0 - sum(pauses)) / 0.05)]
-    for wait in waits:
-        received.append(ReceivedMessage(100.0 + at, WALL + at, WALL + at))
-        at += wait
-    return Stream(tuple(received), frozenset({"odom"}))
+    times = accumulate(waits[:-1], initial=0.0)
+    return Stream(tuple(ReceivedMessage(100.0 + t, WALL + t, WALL + t) for t in times), frozenset({"odom"}))
 
 
 def status_of(**values: Any) -> AgentStatus:
-    usual: dict[str, Any] = {
-        "robot": "robot1",
-        "state": AgentState.RUN,
-        "reason": Reason(Code.RUNNING),
-        "link": RobotLink.CONNECTED,
-        "age": {"odometry": 0.012, "leader": 0.031},
-        "mission": TB3.fingerprint,
-    }
-    return AgentStatus(**{**usual, **values})
+    usual = AgentStatus(
+        robot="robot1", state=AgentState.RUN, reason=Reason(Code.RUNNING), link=RobotLink.CONNECTED,
+        age={"odometry": 0.012, "leader": 0.031}, mission=TB3.fingerprint,
+    )  # fmt: skip
+    return replace(usual, **values)
 
 
 def signs(start: float, *, begin: float = 0.0, end: float = 3.0) -> list[tuple[float, float]]:

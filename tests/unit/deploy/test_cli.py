@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from formation.deploy import cli
-from formation.deploy.arguments import as_json, number, read_mission, whole
+from formation.deploy.arguments import as_json, number, read_mission
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
 from formation.transport.runtime.command_line import EXTRAS
@@ -71,8 +71,7 @@ def test_what_the_command_line_does_not_know_is_exit_code_2(arguments: list[str]
 
 
 def test_the_version_is_the_packages(capsys: Capsys) -> None:
-    assert cli.main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("formation 0.")
+    assert output_of(capsys, ["--version"]).startswith("formation 0.")
 
 
 def test_a_refusal_is_one_line_on_stderr(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
@@ -131,18 +130,8 @@ def test_the_law_of_the_command_line_outranks_the_missions() -> None:
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "0", "1e999"])
 def test_a_number_that_cannot_be_is_refused(text: str) -> None:
-    with pytest.raises(Exception, match="must be above 0"):
+    with pytest.raises(Exception, match=f"{text}: must be above 0 and finite"):
         number(0.0, open_below=True)(text)
-
-
-def test_a_number_without_end_is_told_what_is_wrong_with_it() -> None:
-    with pytest.raises(Exception, match="inf: must be above 0 and finite"):
-        number(0.0, open_below=True)("inf")
-
-
-def test_a_count_below_the_lowest_is_refused() -> None:
-    with pytest.raises(Exception, match="at least 1"):
-        whole(1)("0")
 
 
 def test_json_is_strict_also_where_a_figure_is_not_finite() -> None:

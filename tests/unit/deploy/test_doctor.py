@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from formation.deploy.cli import main
 from formation.deploy.doctor.agent import two_ages
 from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, words
 from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
@@ -21,7 +20,7 @@ from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import LeaderState, LeaderStatus, RobotLink
-from tests.unit.deploy.commands import Capsys
+from tests.unit.deploy.commands import Capsys, refused
 from tests.unit.deploy.examined import (
     DAY,
     DESK,
@@ -38,16 +37,18 @@ from tests.unit.deploy.examined import (
 )
 
 
-@pytest.mark.parametrize("facts", [HEALTHY, DESK])
-def test_of_what_is_well_nothing_is_said(facts: Facts) -> None:
-    assert found(facts) == {}
-
-
-def test_every_examination_of_robot_reports_an_observation() -> None:
-    assert [checked.title for checked in examine(EXAMINATIONS, HEALTHY)] == [
+def test_of_what_is_well_nothing_is_said_but_what_was_seen() -> None:
+    assert found(DESK) == found(HEALTHY) == {}
+    checked = examine(EXAMINATIONS, HEALTHY)
+    assert [one.title for one in checked] == [
         "agent", "mission", "robot", "watchdog", "odometry", "clock", "network", "certificate", "refusals",
     ]  # fmt: skip
-    assert all(checked.seen for checked in examine(EXAMINATIONS, HEALTHY))
+    assert all(one.seen for one in checked)
+
+
+def certificate(**changes: Any) -> Mapping[str, Any]:
+    assert HEALTHY.certificate is not None
+    return {"certificate": replace(HEALTHY.certificate, **changes)}
 
 
 ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
@@ -130,6 +131,17 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         {"newest_status": status_of(other_mission={"robot2": "89ef4567"})},
         "mission-mixed", "robot2 runs mission 89ef4567",
     ),
+    "expiring": (certificate(begins=WALL - 25 * DAY, ends=WALL + 5 * DAY), "certificate-expires",
+        "c.pem expires in 5 days"),
+    "expired": (certificate(ends=WALL - 60.0), "certificate-expired",
+        "c.pem has expired on 2027-01-15 07:59 UTC"),
+    "not yet valid": (certificate(begins=WALL + 7200.0), "certificate-not-yet-valid",
+        "becomes valid in 2.0 hours"),
+    "of another robot": (certificate(name="robot2"), "certificate-name",
+        "is the certificate of 'robot2', not of 'robot1'"),
+    "wrong key": (certificate(problem="the key does not belong to it"), "certificate-unusable",
+        "c.pem: the key does not belong"),
+    "open key": (certificate(mode=0o644), "key-readable", "readable by others (mode 644)"),
     "another mission": ({"installed_differs": "/opt/m.toml"}, "mission-differs",
         "in /opt/m.toml is not the one"),
 }  # fmt: skip
@@ -143,29 +155,8 @@ def test_each_ill_is_named_and_nothing_else_with_it(ill: str) -> None:
     assert sentence in sentences[name]
 
 
-CERTIFICATES: dict[str, tuple[Mapping[str, Any], str]] = {
-    "certificate-expires": ({"begins": WALL - 25 * DAY, "ends": WALL + 5 * DAY}, "c.pem expires in 5 days"),
-    "certificate-expired": ({"ends": WALL - 60.0}, "c.pem has expired on 2027-01-15 07:59 UTC"),
-    "certificate-not-yet-valid": ({"begins": WALL + 7200.0}, "becomes valid in 2.0 hours"),
-    "certificate-name": ({"name": "robot2"}, "is the certificate of 'robot2', not of 'robot1'"),
-    "certificate-unusable": ({"problem": "the key does not belong to it"}, "c.pem: the key does not belong"),
-    "key-readable": ({"mode": 0o644}, "readable by others (mode 644)"),
-}
-
-
-@pytest.mark.parametrize("name", CERTIFICATES)
-def test_each_fault_of_a_certificate_is_named(name: str) -> None:
-    changes, sentence = CERTIFICATES[name]
-    assert HEALTHY.certificate is not None
-    sentences = found(replace(HEALTHY, certificate=replace(HEALTHY.certificate, **changes)))
-    assert list(sentences) == [name]
-    assert sentence in sentences[name]
-
-
 def test_single_pause_and_group_readable_key_are_accepted() -> None:
-    assert HEALTHY.certificate is not None
-    shared = replace(HEALTHY.certificate, mode=0o640)
-    assert found(replace(HEALTHY, odometry=paused(0.2), certificate=shared)) == {}
+    assert found(replace(HEALTHY, odometry=paused(0.2), **certificate(mode=0o640))) == {}
 
 
 def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
@@ -266,11 +257,11 @@ def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() ->
         HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
     )
     result = words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
-    assert max(map(len, result.splitlines())) <= 80
-    assert result.splitlines()[0] == "robot1"
+    lines = result.splitlines()
+    assert max(map(len, lines)) <= 80
     assert "  ✗ robot        nothing listens to cmd_vel: the bridge has lost its route, or\n" in result
     assert "                 → restart the bring-up and the bridge together\n" in result
-    assert result.splitlines()[-1] == "2 things are wrong: robot1"
+    assert (lines[0], lines[-1]) == ("robot1", "2 things are wrong: robot1")
     assert words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
 
 
@@ -286,10 +277,9 @@ class Terminal(io.StringIO):
 def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
     assert style(Terminal()) == COLOUR
-    monkeypatch.setenv("NO_COLOR", "")
-    assert style(Terminal()) == COLOUR
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert style(Terminal()) == PLAIN
+    for value, expected in (("", COLOUR), ("1", PLAIN)):
+        monkeypatch.setenv("NO_COLOR", value)
+        assert style(Terminal()) == expected
 
 
 @pytest.mark.parametrize(
@@ -304,26 +294,22 @@ def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_what_cannot_be_examined_is_refused_in_a_sentence(words: list[str], why: str, capsys: Capsys) -> None:
-    assert main(["doctor", *words]) == 2
-    assert why in capsys.readouterr().err
+    assert why in refused(capsys, ["doctor", *words])
 
 
-def test_installation_without_configuration_is_refused(tmp_path: Path, capsys: Capsys) -> None:
-    home = tmp_path / "current"
-    home.mkdir()
-    (home / "mission.toml").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
-    (home / "VERSION.json").write_text('{"robot": "robot1"}')
-    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
-    assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("name", "whose"), [("leader", "leader's"), ("deputy", "standby's")])
-def test_doctor_on_leader_machine_asks_for_mission(
-    name: str, whose: str, tmp_path: Path, capsys: Capsys
+@pytest.mark.parametrize(
+    ("mission", "robot", "why"),
+    [
+        ("turtlebot3_pair", "robot1", "zenoh.json5 is missing: install this robot's bundle again"),
+        ("patrol", "leader", "this is the leader's machine: say MISSION"),
+        ("patrol", "deputy", "this is the standby's machine: say MISSION"),
+    ],
+)
+def test_doctor_says_what_an_installation_lacks(
+    mission: str, robot: str, why: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     home = tmp_path / "current"
     home.mkdir()
-    (home / "mission.toml").write_bytes(shipped()["patrol"].read_bytes())
-    (home / "VERSION.json").write_text(json.dumps({"robot": name}))
-    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
-    assert f"this is the {whose} machine: say MISSION" in capsys.readouterr().err
+    (home / "mission.toml").write_bytes(shipped()[mission].read_bytes())
+    (home / "VERSION.json").write_text(json.dumps({"robot": robot}))
+    assert why in refused(capsys, ["doctor", "--prefix", str(tmp_path)])

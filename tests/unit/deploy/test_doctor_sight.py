@@ -32,34 +32,21 @@ def message(hits: int = 330, sweep: float = 0.2, turn: float = 359 / 360) -> Sca
 
 
 def sees(**values: Any) -> AgentStatus:
-    usual: dict[str, Any] = {
-        "robot": "robot7",
-        "sight": Sight.LOCKED,
-        "sight_age": {"robot2": 0.12, "robot3": 0.31},
-        "sight_deviation": {"robot2": 0.0071, "robot3": 0.009},
-    }
-    return status_of(**{**usual, **values})
+    ages, deviations = {"robot2": 0.12, "robot3": 0.31}, {"robot2": 0.0071, "robot3": 0.009}
+    usual = status_of(robot="robot7", sight=Sight.LOCKED, sight_age=ages, sight_deviation=deviations)
+    return replace(usual, **values)
 
 
 def blind(**values: Any) -> AgentStatus:
-    usual: dict[str, Any] = {
-        "state": AgentState.HOLD,
-        "reason": SEARCHING,
-        "sight": Sight.SEARCHING,
-        "sight_age": {},
-        "sight_deviation": {},
-        "sight_lost": ("robot2", "robot3"),
-    }
-    return sees(**{**usual, **values})
+    usual = sees(
+        state=AgentState.HOLD, reason=SEARCHING, sight=Sight.SEARCHING, sight_age={}, sight_deviation={},
+        sight_lost=("robot2", "robot3"),
+    )  # fmt: skip
+    return replace(usual, **values)
 
 
 WELL = replace(
-    HEALTHY,
-    mission=SEEING,
-    robot="robot7",
-    newest_status=sees(),
-    scan=stream(5.0),
-    scans=(message(),) * 15,
+    HEALTHY, mission=SEEING, robot="robot7", newest_status=sees(), scan=stream(5.0), scans=(message(),) * 15
 )
 AT_DESK = replace(DESK, mission=SEEING, robot="robot7", newest_status=sees(age={"scan": 0.14}))
 
@@ -100,14 +87,10 @@ def test_desk_reports_sight_by_the_agents_status() -> None:
 
 
 def test_one_neighbour_out_of_sight_is_reported_and_no_fault() -> None:
-    facts = replace(
-        WELL,
-        newest_status=sees(
-            sight_age={"robot2": 0.12, "robot3": 7.2},
-            sight_deviation={"robot2": 0.0071},
-            sight_lost=("robot3",),
-        ),
+    status = sees(
+        sight_age={"robot2": 0.12, "robot3": 7.2}, sight_deviation={"robot2": 0.0071}, sight_lost=("robot3",)
     )
+    facts = replace(WELL, newest_status=status)
     assert findings(facts) == {}
     assert seen(facts)["sight"] == "locked: robot2 to 0.7 cm, 0.1 s ago; robot3 not seen for 7.2 s"
 

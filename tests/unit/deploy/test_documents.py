@@ -157,6 +157,7 @@ OWN = {"formation", "agent", "leader", "monitor", "deploy"}
 ON_A_ROBOT = {"numpy", "pydantic", "pydantic_core", "zenoh"}
 BY_PYTEST = {"pytest"}
 """Imported by the plugin alone, which only pytest loads."""
+DISTRIBUTIONS = packages_distributions()
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -181,7 +182,7 @@ def test_an_imported_package_is_a_declared_dependency(package: str) -> None:
     extra = EXTRAS.get(package)
     lines = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
-    brought_by = {canonicalize_name(name) for name in packages_distributions()[package]}
+    brought_by = {canonicalize_name(name) for name in DISTRIBUTIONS[package]}
     assert declared & brought_by
 
 

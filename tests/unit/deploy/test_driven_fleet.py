@@ -10,6 +10,7 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import read
+from tests.campaigns.defects.plan import MISSIONS
 from tests.support.examples import slow
 from tests.support.missions import with_keys
 
@@ -25,11 +26,15 @@ FAILURES: dict[str, Callable[[RehearsedFleet], None]] = {
 }
 
 
+def at_rest(fleet: RehearsedFleet) -> bool:
+    return {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+
+
 def test_robots_follow_a_driven_leader(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("convoy")
-    fleet.drive(0.1, seconds=12.0)
-    fleet.drive(0.1, 0.1, seconds=6.0)
-    fleet.drive(0.1, seconds=6.0)
+    fleet.drive(0.1, seconds=9.0)
+    fleet.drive(0.1, 0.1, seconds=4.0)
+    fleet.drive(0.1, seconds=5.0)
     assert fleet.error() < 0.1
     assert fleet.position("robot1").real > 1.0
 
@@ -39,13 +44,10 @@ def test_all_robots_stand_soon_after_letting_go(rehearsed_fleet: MakeRehearsed, 
     fleet = rehearsed_fleet("convoy", loss=0.05, delay=0.01)
     fleet.drive(forward, 0.05, seconds=4.0)
     fleet.run(STAND_SECONDS)
-    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
-    places = [fleet.position(name) for name in fleet.mission.followers]
+    assert at_rest(fleet)
+    places = {name: fleet.position(name) for name in fleet.mission.followers}
     fleet.run(8.0 if forward > 0.0 else 5.0)
-    moved = [
-        abs(fleet.position(name) - place) for name, place in zip(fleet.mission.followers, places, strict=True)
-    ]
-    assert max(moved) < 0.005
+    assert all(abs(fleet.position(name) - place) < 0.005 for name, place in places.items())
 
 
 @pytest.mark.parametrize("seed", [0, *slow(1)])
@@ -61,19 +63,17 @@ def test_all_robots_stand_soon_after_a_failure(
     assert AT_REST not in {fleet.command(name) for name in fleet.mission.followers}
     FAILURES[failure](fleet)
     fleet.run(STAND_SECONDS)
-    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+    assert at_rest(fleet)
 
 
-def test_team_holds_until_the_next_leader_is_driven(
-    rehearsed_fleet: MakeRehearsed,
-) -> None:
-    fleet = rehearsed_fleet("patrol")
+def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet(MISSIONS / "trio.toml")
     fleet.drive(0.1, seconds=4.0)
     fleet.drive(0.1, seconds=1.0)
     fleet.kill(fleet.leader)
     fleet.run(4.0)
     assert fleet.leader == "deputy"
-    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+    assert at_rest(fleet)
     fleet.drive(0.1, seconds=5.0)
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
 

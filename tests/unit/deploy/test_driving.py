@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
@@ -70,11 +69,9 @@ def event(kind: int, number: int, value: int) -> bytes:
 def test_stick_counts_only_while_the_button_is_held() -> None:
     gamepad = Gamepad()
     gamepad.events(event(AXIS, FORWARD_AXIS, -32767))
-    assert gamepad.velocity(0.0) == RELEASED
-    gamepad.events(event(BUTTON, DEAD_MAN_BUTTON, 1))
-    assert gamepad.velocity(0.0) == Share(1.0, 0.0)
-    gamepad.events(event(BUTTON, DEAD_MAN_BUTTON, 0))
-    assert gamepad.velocity(0.0) == RELEASED
+    for pressed, velocity in ((0, RELEASED), (1, Share(1.0, 0.0)), (0, RELEASED)):
+        gamepad.events(event(BUTTON, DEAD_MAN_BUTTON, pressed))
+        assert gamepad.velocity(0.0) == velocity
 
 
 def test_button_held_since_before_must_be_pressed_anew() -> None:
@@ -83,23 +80,17 @@ def test_button_held_since_before_must_be_pressed_anew() -> None:
     assert gamepad.velocity(0.0) == RELEASED
 
 
-@pytest.fixture
-def pipe() -> Iterator[tuple[int, int]]:
+def test_gamepad_that_goes_away_ends_the_drive() -> None:
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
-    yield reading, writing
-    os.close(reading)
-
-
-def test_gamepad_that_goes_away_ends_the_drive(pipe: tuple[int, int]) -> None:
-    reading, writing = pipe
     gamepad = Gamepad()
-    os.write(writing, event(BUTTON, DEAD_MAN_BUTTON, 1) + event(AXIS, FORWARD_AXIS, -32767))
-    gamepad.read(reading)
-    assert gamepad.velocity(0.0) == Share(1.0, 0.0)
-    os.close(writing)
-    gamepad.read(reading)
-    assert gamepad.velocity(0.0) is None
+    with os.fdopen(reading):
+        os.write(writing, event(BUTTON, DEAD_MAN_BUTTON, 1) + event(AXIS, FORWARD_AXIS, -32767))
+        gamepad.read(reading)
+        assert gamepad.velocity(0.0) == Share(1.0, 0.0)
+        os.close(writing)
+        gamepad.read(reading)
+        assert gamepad.velocity(0.0) is None
 
 
 def test_keys_that_waited_are_not_pressed_now(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,10 +135,9 @@ def test_driver_asks_all_candidates_until_one_leads() -> None:
 def test_driver_takes_another_leaders_token_though_it_is_less() -> None:
     remote = Remote(PATROL, "driver-1")
     remote.answered([replied("leader", 900)], 1.0, 1.01)
-    remote.answered([replied("leader", 800), b"{"], 1.0, 1.01)
-    assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == 900
-    remote.answered([replied("deputy", 5)], 1.0, 1.01)
-    assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == 5
+    for replies, token in (([replied("leader", 800), b"{"], 900), ([replied("deputy", 5)], 5)):
+        remote.answered(replies, 1.0, 1.01)
+        assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
 
 
 def test_state_tells_why_the_leader_does_not_obey() -> None:

@@ -11,7 +11,7 @@ from formation.deploy.driving.follow import MAX_WAYPOINTS, route, waypoints
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.mission.route import Waypoints
-from formation.ros2.messages import Path, Pose, decode, encode
+from formation.ros2.messages import Path, Pose, encode
 from formation.wire import BadMessage, Sample
 
 CONVOY = load("convoy")
@@ -20,25 +20,20 @@ CONVOY = load("convoy")
 def test_goal_is_a_route_of_one_point() -> None:
     goal = Sample("goal_pose", encode(Pose(1.0, 2.0 + 1.0j, 1j)), None, 0.0)
     request = route(CONVOY, waypoints(goal, "/plan"), 0.1)
-    assert request.do == "route"
-    assert request.legs == (Waypoints(waypoints=((2.0, 1.0),), speed=0.1),)
+    assert (request.do, request.legs) == ("route", (Waypoints(waypoints=((2.0, 1.0),), speed=0.1),))
 
 
 def test_path_is_a_route_through_its_points() -> None:
     points = tuple(cmath.rect(2.0, 0.01 * number) for number in range(700))
-    path = decode(Path, encode(Path(1.0, points)))
-    found = waypoints(Sample("plan", encode(path), None, 0.0), "/plan")
+    found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
     assert len(found) <= MAX_WAYPOINTS + 1
     assert (found[0], found[-1]) == (points[0], points[-1])
     assert route(CONVOY, found, 0.1).legs is not None
 
 
-def test_empty_path_is_refused() -> None:
+def test_empty_path_and_impossible_speed_are_refused() -> None:
     with pytest.raises(BadMessage, match="no points"):
         waypoints(Sample("plan", encode(Path(1.0, ())), None, 0.0), "/plan")
-
-
-def test_speed_that_no_robot_has_is_refused() -> None:
     with pytest.raises(ValueError, match="max_speed"):
         route(CONVOY, [1.0 + 0.0j], 5.0)
 

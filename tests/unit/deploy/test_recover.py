@@ -7,7 +7,7 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.recordings import recover as command
-from tests.unit.deploy.commands import Capsys, output_of
+from tests.unit.deploy.commands import Capsys, output_of, refused
 from tests.unit.monitor.recording.test_recover import chunked
 
 
@@ -43,22 +43,24 @@ def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: Capsys) -> Non
 def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, capsys: Capsys) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
-    assert main(["recover", str(path)]) == 2
-    result = capsys.readouterr()
-    assert result.out == ""
-    assert result.err == f"formation: {path}: is no recording that `formation` made\n"
+    err = refused(capsys, ["recover", str(path)])
+    assert err == f"formation: {path}: is no recording that `formation` made\n"
     assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_what_is_not_there_or_is_in_the_way_is_refused(cut: Path, tmp_path: Path, capsys: Capsys) -> None:
-    assert main(["recover", str(tmp_path / "no.mcap")]) == 2
-    assert "no.mcap: cannot be read: No such file or directory" in capsys.readouterr().err
-    assert main(["recover", str(tmp_path)]) == 2
-    assert "cannot be read: Is a directory" in capsys.readouterr().err
-    assert main(["recover", str(cut), "-o", str(cut)]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert main(["recover", str(cut), "-o", str(cut / "x.mcap")]) == 2
-    assert "run.mcap is no folder" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ("{folder}/no.mcap", "no.mcap: cannot be read: No such file or directory"),
+        ("{folder}", "cannot be read: Is a directory"),
+        ("{cut} -o {cut}", "exists already"),
+        ("{cut} -o {cut}/x.mcap", "run.mcap is no folder"),
+    ],
+)
+def test_what_is_not_there_or_is_in_the_way_is_refused(
+    arguments: str, why: str, cut: Path, capsys: Capsys
+) -> None:
+    assert why in refused(capsys, ["recover", *arguments.format(folder=cut.parent, cut=cut).split()])
 
 
 def test_where_it_takes_long_it_says_how_far_it_is(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -50,15 +51,24 @@ def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") 
     return path
 
 
-def output(capsys: Capsys) -> tuple[str, dict[str, Any]]:
+def verified(capsys: Capsys, path: Path, *flags: str) -> tuple[int, str, dict[str, Any]]:
+    """Exit code, words and JSON of a verification."""
+    code = verify.main([str(path), "--verify", "--json", *flags])
     out, words = capsys.readouterr()
-    result: dict[str, Any] = json.loads(out)
-    return words, result
+    return code, words, json.loads(out)
+
+
+def without(name: str, since: float, until: float) -> Recording:
+    """The run without the messages on `name` that came in some seconds of it."""
+    start = a_run()[0][1]
+    return [(one, wall) for one, wall in a_run() if one.key != name or not since < wall - start < until]
 
 
 def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: Capsys) -> None:
-    assert replay.main([str(file), "--verify", "--json"]) == 0
-    text, result = output(capsys)
+    assert replay.main([str(file), "--verify"]) == 0
+    capsys.readouterr()
+    code, text, result = verified(capsys, file)
+    assert code == 0
     assert text.count("equal to the last bit") == 2
     assert f"no difference in {result['compared']} commands" in text
     commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in a_run())
@@ -70,9 +80,8 @@ def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: Capsys) 
 def test_with_another_gain_the_first_command_that_differs_is_named(
     file: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
-    mission = with_gain(tmp_path)
-    assert verify.main([str(file), "--verify", "--mission", str(mission), "--json"]) == 1
-    text, result = output(capsys)
+    code, text, result = verified(capsys, file, "--mission", str(with_gain(tmp_path)))
+    assert code == 1
     first = result["first"]
     assert f"the first command that differs is {first['robot']}'s at {first['at']:.3f} s" in text
     assert f"recorded u {first['recorded']['speed']:+.9f} m/s" in text
@@ -98,52 +107,39 @@ def test_under_the_law_that_was_used_and_under_another(tmp_path: Path, capsys: C
 
 
 def test_what_could_not_be_judged_is_told_with_its_reason(tmp_path: Path, capsys: Capsys) -> None:
-    start = a_run()[0][1]
-    lossy = [
-        (sample, wall)
-        for sample, wall in a_run()
-        if not (sample.key == POSITION.key("leader") and 1.0 < wall - start < 1.1)
-    ]
-    path = written(tmp_path / "lossy.mcap", lossy)
-    assert verify.main([str(path), "--verify", "--json", "--min-compared", "0.3"]) == 0
-    text, result = output(capsys)
+    path = written(tmp_path / "lossy.mcap", without(POSITION.key("leader"), 1.0, 1.1))
+    code, text, result = verified(capsys, path, "--min-compared", "0.3")
+    assert code == 0
     (stretch,) = result["robots"]["robot1"]["not_judged"]
-    assert (
-        stretch["reason"]
-        == "a message on leader/position that its agent received is missing in the recording"
-    )
+    why = "a message on leader/position that its agent received is missing in the recording"
+    assert stretch["reason"] == why
     assert f"not judged: {stretch['commands']} commands, 1." in text
 
 
 def test_a_cut_recording_is_verified_as_far_as_it_goes(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     path = tmp_path / "cut.mcap"
     path.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    code = verify.main([str(path), "--verify", "--json"])
-    text, result = output(capsys)
+    code, text, result = verified(capsys, path)
     assert "note: the recording is cut" in text
     enough = result["least_share"] >= verify.MIN_COMPARED_SHARE
     assert code == (2 if not result["compared"] else 0 if enough else verify.EXIT_TOO_FEW)
 
 
-def without_traces(share: float) -> Recording:
-    """The run, in which so many of the later commands of robot1 lost their trace."""
+def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
     key, begin = CMD_VEL.key("robot1"), a_run()[0][1]
     later = [i for i, (sample, wall) in enumerate(a_run()) if sample.key == key and wall > begin + 2.0]
-    lost = set(later[: round(share * len(later))])
-    return [
+    lost = set(later[: len(later) // 2])
+    record = [
         (sample._replace(attachment=None) if i in lost else sample, wall)
         for i, (sample, wall) in enumerate(a_run())
     ]
-
-
-def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "few.mcap", without_traces(0.5))
-    assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
-    text, result = output(capsys)
+    path = written(tmp_path / "few.mcap", record)
+    code, text, result = verified(capsys, path)
+    assert code == verify.EXIT_TOO_FEW
     assert f"only {result['least_share']:.1%} of robot1's commands were compared" in text
     assert "at least 99.0% are needed (--min-compared)" in text
     assert result["robots"]["robot2"]["share"] == 1.0
-    assert verify.main([str(path), "--verify", "--min-compared", f"{result['least_share']:.3f}"]) == 0
+    assert verified(capsys, path, "--min-compared", f"{result['least_share']:.3f}")[0] == 0
 
 
 def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
@@ -153,19 +149,16 @@ def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
 
 
 def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
-    record = [(one, wall) for one, wall in a_run() if one.key != CMD_VEL.key("robot1")]
-    path = written(tmp_path / "silent.mcap", record)
+    path = written(tmp_path / "silent.mcap", without(CMD_VEL.key("robot1"), -1.0, math.inf))
     assert verify.main([str(path), "--verify"]) == verify.EXIT_TOO_FEW
     assert "no verdict: no command of robot1 in the recording" in capsys.readouterr().out
     assert verify.main([str(path), "--verify", "--min-compared", "0"]) == 0
 
 
 def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
-    key, begin = CMD_VEL.key("robot1"), a_run()[0][1]
-    record = [(one, wall) for one, wall in a_run() if one.key != key or not 2.0 < wall - begin < 4.0]
-    path = written(tmp_path / "gap.mcap", record)
-    assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
-    _, result = output(capsys)
+    path = written(tmp_path / "gap.mcap", without(CMD_VEL.key("robot1"), 2.0, 4.0))
+    code, _, result = verified(capsys, path)
+    assert code == verify.EXIT_TOO_FEW
     robot = result["robots"]["robot1"]
     assert robot["lost"] == pytest.approx(40, abs=2)
     assert robot["share"] < robot["compared"] / robot["commands"]
@@ -174,8 +167,8 @@ def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
 def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: Capsys) -> None:
     begin = a_run()[0][1]
     late = [(sample, wall) for sample, wall in a_run() if wall > begin + 1.0]
-    assert verify.main([str(written(tmp_path / "late.mcap", late)), "--verify", "--json"]) == 0
-    text, result = output(capsys)
+    code, text, result = verified(capsys, written(tmp_path / "late.mcap", late))
+    assert code == 0
     for one in result["robots"].values():
         assert one["lead_in"] == one["commands"] - one["compared"] > 10
         assert one["share"] == 1.0
@@ -189,9 +182,8 @@ def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: 
 
 
 def test_a_recording_without_traces_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(
-        tmp_path / "old.mcap", [(sample._replace(attachment=None), wall) for sample, wall in a_run()]
-    )
+    record = [(sample._replace(attachment=None), wall) for sample, wall in a_run()]
+    path = written(tmp_path / "old.mcap", record)
     assert verify.main([str(path), "--verify"]) == 2
     text = capsys.readouterr().out
     assert text.count("no trace of it in the recording") == 2
@@ -204,19 +196,22 @@ def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: Capsys
 
 
 @pytest.mark.parametrize(
-    ("name", "why"),
-    [("none.mcap", "cannot be read"), ("rubbish.mcap", "is no recording"), (".", "cannot be")],
+    ("file", "flags", "why"),
+    [
+        ("none.mcap", (), "cannot be read"),
+        ("bad.toml", (), "is no recording"),
+        (".", (), "cannot be"),
+        ("run.mcap", ("--mission", "bad.toml"), r"bad\.toml"),
+    ],
 )
-def test_what_is_no_recording_is_refused(tmp_path: Path, name: str, why: str) -> None:
-    (tmp_path / "rubbish.mcap").write_bytes(b"rubbish" * 1000)
+def test_what_is_no_recording_or_mission_is_refused(
+    file: str, flags: Sequence[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_bytes(b"rubbish" * 1000)
+    written(Path("run.mcap"), a_run()[:100])
     with pytest.raises(Refusal, match=why):
-        verify.main([str(tmp_path / name), "--verify"])
-
-
-def test_a_mission_that_is_none_is_refused(file: Path, tmp_path: Path) -> None:
-    (tmp_path / "bad.toml").write_text("nothing")
-    with pytest.raises(Refusal, match=r"bad\.toml"):
-        verify.main([str(file), "--verify", "--mission", str(tmp_path / "bad.toml")])
+        verify.main([file, "--verify", *flags])
 
 
 def test_verify_with_wrong_mission_names_unknown_robots(file: Path, capsys: Capsys) -> None:

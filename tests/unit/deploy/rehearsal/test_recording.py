@@ -1,24 +1,30 @@
-"""A rehearsal's monitor and its recording: the same bytes for a seed, whole, and computed again."""
+"""A seed gives one rehearsal and the same bytes of its recording, which is whole and computed again."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from formation.deploy.recordings import report
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal import rehearsal
+from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import KINDS, parse
-from formation.deploy.rehearsal.rehearsal import Plan, rehearse, run
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run
 from formation.deploy.rehearse import main
 from formation.mission.file import load, read
 from formation.mission.file import parse as parse_mission
 from formation.monitor.process import STOP_TIMEOUT_SECONDS
 from formation.monitor.recording import reader
+from formation.monitor.recording.part import Part
 from formation.monitor.recording.recorder import Recorder
-from formation.wire import Sample
+from formation.monitor.report import figures
+from formation.wire import Outgoing, Sample
+from tests.support.examples import slow
 from tests.support.missions import row_of_three
 from tests.support.recorded import verify
 from tests.unit.deploy.commands import Capsys
@@ -27,17 +33,39 @@ PAIR = load("turtlebot3_pair")
 MUTUAL = row_of_three(
     "mutual", rate=10, speed=0.1, neighbours=('["led", "b"]', '["led", "a"]', '["a"]'), behind=0.1
 )
-ALL = Plan(PAIR, tuple(KINDS), text=read("turtlebot3_pair")[0])
+ALL = Plan(
+    PAIR, tuple(KINDS), (parse("robot2:forge@3+4", PAIR),), Weather(loss=0.1),
+    signed=True, text=read("turtlebot3_pair")[0],
+)  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2))])
-def test_one_seed_gives_the_same_bytes(seed: int, tmp_path: Path) -> None:
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """End a rehearsal as soon as the formation has settled."""
+    monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
+
+
+@pytest.mark.parametrize("seed", [11, *slow(0, 1, 2)])
+def test_one_seed_gives_one_run_and_the_same_bytes(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def published(plan: Plan) -> tuple[Verdict, list[tuple[float, Outgoing]]]:
+        found: list[tuple[float, Outgoing]] = []
+
+        class Watched(Fleet):
+            def __init__(self, *arguments: Any, **options: Any) -> None:
+                super().__init__(*arguments, **options)
+                for exchange in (self.fleet, self.local):
+                    exchange.watchers.append(lambda _, out: found.append((self.engine.now, out)))
+
+        monkeypatch.setattr(rehearsal, "Fleet", Watched)
+        return rehearse(plan, seed), found
+
     one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
-    first = rehearse(ALL._replace(record=one), seed)
-    assert rehearse(ALL._replace(record=other), seed) == first
+    verdict, messages = published(ALL._replace(record=one))
+    assert published(ALL._replace(record=other)) == (verdict, messages)
     assert one.read_bytes() == other.read_bytes()
-    assert rehearse(ALL._replace(monitored=True), seed) == first
-    assert rehearse(ALL, seed) == first, "the monitor changes the run"
+    assert rehearse(ALL, seed) == verdict, "the monitor changes the run"
 
 
 def test_recorded_agents_compute_the_same_with_wrong_clocks(tmp_path: Path) -> None:
@@ -49,35 +77,53 @@ def test_recorded_agents_compute_the_same_with_wrong_clocks(tmp_path: Path) -> N
     assert all(one.compared > 100 and one.exact == one.compared for one in verdicts.values())
 
 
-def test_message_that_is_not_recorded_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = Recorder.write
+def forgetful(recorder: Recorder, sample: Sample, wall: float, write: Any = Recorder.write) -> None:
+    if sample.key != "robot2/odom" or recorder.recorded["robot2/odom"] < 20:
+        write(recorder, sample, wall)
 
-    def forgetful(self: Recorder, sample: Sample, wall: float) -> None:
-        if sample.key != "robot2/odom" or self.recorded["robot2/odom"] < 20:
-            write(self, sample, wall)
 
-    monkeypatch.setattr(Recorder, "write", forgetful)
-    verdict = run(Plan(PAIR, record=tmp_path / "less.mcap"), 0, ())
+def shifted(
+    part: Part, record: bytes, chunk: Any, shift: int, *given: Any, append: Any = Part.append_packed
+) -> None:
+    append(part, record, chunk, 2 * shift + 1, *given)
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "what"),
+    [
+        ("monitor.recording.recorder.Recorder.write", forgetful, "robot2/odom"),
+        ("monitor.recording.part.Part.append_packed", shifted, ""),
+        ("deploy.rehearsal.rules.recorded.EPOCH", 0.0, ""),
+    ],
+)
+@pytest.mark.usefixtures("short")
+def test_wrong_recording_is_found(
+    name: str, instead: Any, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"formation.{name}", instead)
+    verdict = run(Plan(PAIR, record=tmp_path / "run.mcap", text=ALL.text), 0, ())
     assert verdict.broken == {"record"}
-    assert "robot2/odom" in verdict.violations[0].what
+    assert what in verdict.violations[0].what
 
 
 @pytest.mark.parametrize("late", [0.0, 0.01, 0.02, 0.03, 0.04])
+@pytest.mark.usefixtures("short")
 def test_message_after_the_last_step_of_the_monitor_is_not_missed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float
 ) -> None:
     """As in `formation rehearse posts --seed 5`, where robot6's messages came then."""
-    monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
     monkeypatch.setattr(rehearsal, "STOP_TIMEOUT_SECONDS", STOP_TIMEOUT_SECONDS + late)
     assert run(Plan(PAIR, record=tmp_path / "run.mcap"), 0, ()).violations == ()
 
 
-def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys) -> None:
+@pytest.mark.usefixtures("short")
+def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
+    monkeypatch.setattr(report, "analyse", lambda _: None)  # which would compile the law
+    monkeypatch.setattr("formation.deploy.check.words", lambda *_: "")
     path = tmp_path / "run.mcap"
-    assert (
-        main(["turtlebot3_pair", "--faults", "none", "--record", str(path), "--noise", "0.001", "--json"])
-        == 0
-    )
+    flags = ["--faults", "none", "--record", str(path), "--noise", "0.001", "--json"]
+    assert main(["turtlebot3_pair", *flags]) == 0
     assert json.loads(capsys.readouterr().out)["recording"] == str(path)
     assert "position_noise = 0.001" in reader.read(path).about["mission_file"]
     assert report.main([str(path)]) == 0

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.rehearsal import Plan, run
-from tests.support.seeing import hexagon
+from tests.support.examples import slow
+from tests.support.seeing import HEXAGON, TRIANGLE, hexagon
 
 MISSION = hexagon(simulated="drift = 0.0")
 
 
-def test_robots_that_see_each_other_settle() -> None:
-    verdict = run(Plan(MISSION), 0, ())
+@pytest.mark.parametrize("robots", [TRIANGLE, *slow(list(HEXAGON))], ids=len)
+def test_robots_that_see_each_other_settle(robots: Sequence[str]) -> None:
+    verdict = run(Plan(hexagon(robots=robots, simulated="drift = 0.0")), 0, ())
     assert verdict.violations == ()
     assert verdict.settled_at is not None
 

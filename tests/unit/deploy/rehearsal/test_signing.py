@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import pytest
 
+from formation.agent.following import orders
 from formation.deploy.fleet import access
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, run
 from formation.deploy.rehearsal.signing import IN_A_ROW, Insider, Keys
 from formation.leader.core import Leader
 from formation.mission.file import load
+from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment
 from formation.topics import POSITION
 from formation.transport.security.verifying import Verifier
 from formation.wire import Outgoing, Sample
+from tests.campaigns.defects.plan import MISSIONS
+from tests.support.examples import slow
 
-PATROL, SIX = load("patrol"), load("six_robots")
+PATROL, SIX, TRIO = load("patrol"), load("six_robots"), load(MISSIONS / "trio.toml")
+FORGED, REPLAYED = "robot2:forge@3+6 robot1:hold@5+3", "robot1:replay@4+12 leader:kill@7+9"
 KEYS = Keys(PATROL)
 HELD = Order(term=64, beat=7, mode="hold", shape="line")
 
 
 def relayed(given: Order, by: str = "leader") -> Outgoing:
-    """A position of robot2 with an order that a process has signed."""
+    """A position of robot2 with an order that `by` has signed."""
     text = order.encode(given).decode()
     signature = KEYS.signer(by).sign(order.statement(PATROL.fingerprint, text))
     attachment = PositionAttachment(publisher_id="a", count=1, order=given, signed=text, signature=signature)
@@ -33,8 +38,8 @@ def verified(verifier: Verifier, out: Outgoing) -> Sample:
     return verifier.check(Sample(out.key, out.payload, out.attachment, 1.0), 1.7e9)
 
 
-def insiders(*texts: str, seed: int = 0) -> Verdict:
-    return run(Plan(SIX, signed=True), seed, [parse(text, SIX) for text in texts])
+def insiders(mission: Mission, faults: str = "", seed: int = 0) -> Verdict:
+    return run(Plan(mission, signed=True), seed, [parse(text, mission) for text in faults.split()])
 
 
 def test_leader_is_verified_and_another_process_is_not() -> None:
@@ -66,15 +71,26 @@ def test_insider_leaves_other_keys_alone() -> None:
     assert Insider(PATROL, "robot2", KEYS).tamper(other) is other
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2))])
-def test_robots_follow_no_forged_order(seed: int) -> None:
-    verdict = insiders("robot2:forge@3+6", "robot1:hold@5+3", seed=seed)
-    assert verdict.violations == ()
+@pytest.mark.parametrize(
+    ("mission", "faults", "seed"),
+    [
+        (SIX, FORGED, 0),
+        *slow((SIX, FORGED, 1), (SIX, FORGED, 2), (TRIO, REPLAYED, 0)),
+    ],
+)
+def test_robots_follow_no_forged_order(mission: Mission, faults: str, seed: int) -> None:
+    assert insiders(mission, faults, seed).violations == ()
 
 
 def test_forgeries_count_where_nothing_is_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Verifier, "check", lambda _self, sample, _wall: sample)
-    assert "orders" in insiders("robot2:forge@3+6", "robot1:hold@5+3").broken
+    assert "orders" in insiders(SIX, FORGED).broken
+
+
+def test_replayed_order_of_an_earlier_leader_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    # the later of the voted term and the term in force, which no order may precede
+    monkeypatch.setattr(orders, "max", lambda *_: 0, raising=False)
+    assert "orders" in insiders(TRIO, REPLAYED).broken
 
 
 def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,11 +101,7 @@ def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(Leader, "__init__", unsigned)
     monkeypatch.setattr(Verifier, "check", lambda _self, sample, _wall: sample)
-    assert "orders" in insiders().broken
-
-
-def test_same_seed_gives_the_same_signed_run() -> None:
-    assert insiders("robot3:forge@3+4", seed=5) == insiders("robot3:forge@3+4", seed=5)
+    assert "orders" in insiders(TRIO).broken
 
 
 def test_missing_access_rule_is_reported_and_refuses_the_message(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import pty
 import termios
@@ -51,30 +52,23 @@ def test_pause_seek_and_end_have_their_own_signs() -> None:
     assert picture(replace(STANDING, paused=True))[0].startswith("⏸")
     assert picture(replace(STANDING, finished=True))[0].startswith("⏸")
     assert picture(replace(STANDING, seeking=True))[0].startswith("»")
-
-
-def test_what_is_not_as_one_would_expect_is_said() -> None:
-    odd = replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3)
-    assert "settling and counts since 0:05.0" in picture(odd, 200)[1]
-    assert "1.2 s late" in picture(odd, 200)[1]
-    assert "3 messages came too late to be published" in picture(odd, 200)[1]
-
-
-def test_a_terminal_without_unicode_gets_plain_signs() -> None:
+    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0], "one moment only"
     assert all(text.isascii() for text in picture(STANDING, ascii_only=True))
 
 
-def test_a_recording_of_one_moment_is_shown_as_over() -> None:
-    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0]
+def test_what_is_not_as_one_would_expect_is_said() -> None:
+    said = picture(replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3), 200)[1]
+    assert "settling and counts since 0:05.0" in said
+    assert "1.2 s late" in said
+    assert "3 messages came too late to be published" in said
 
 
 def test_lines_for_a_log_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr("formation.deploy.terminal.playing.time.monotonic", lambda: now[0])
+    ticks = itertools.count(1000)
+    monkeypatch.setattr("formation.deploy.terminal.playing.time.monotonic", lambda: 0.1 * next(ticks))
     stream = io.StringIO()
     view = Lines(stream)
-    for tick in range(50):
-        now[0] = 100.0 + 0.1 * tick
+    for _ in range(50):
         view.show(STANDING, lambda: SEEN)
     assert stream.getvalue().splitlines() == ["0:12.3 of 1:40.0  2x  error -  6 unseen"] * 3
     assert line(replace(STANDING, paused=True), SEEN).startswith("0:12.3 of 1:40.0  2x paused")
@@ -90,28 +84,21 @@ def test_times_are_clocks(seconds: float, text: str) -> None:
 
 def test_keys_steer() -> None:
     replay = Replay(SIX, Player(reel(), 0.0))
-    assert [press(replay, "space"), replay.standing.paused] == [True, True]
-    press(replay, "right")
-    assert replay.standing.position == START + 5.0
-    press(replay, "left")
-    assert replay.standing.position == START
-    press(replay, "left")
-    assert replay.standing.position == START
-    assert [press(replay, "space"), replay.standing.paused] == [True, False]
-    assert press(replay, "x")
+    for key, position, paused in (
+        ("space", START, True), ("right", START + 5.0, True), ("left", START, True), ("left", START, True),
+        ("space", START, False), ("x", START, False),
+    ):  # fmt: skip
+        assert press(replay, key)
+        assert (replay.standing.position, replay.standing.paused) == (position, paused)
     assert not press(replay, "q")
 
 
 def test_speeds_have_steps_and_ends() -> None:
     replay = Replay(SIX, Player(reel(), 0.0, speed=3.0))
-    press(replay, "+")
-    assert replay.standing.speed == 5.0
-    for _ in range(20):
-        press(replay, "+")
-    assert replay.standing.speed == 100.0
-    for _ in range(20):
-        press(replay, "-")
-    assert replay.standing.speed == 0.1
+    for presses, speed in (("+", 5.0), ("+" * 20, 100.0), ("-" * 20, 0.1)):
+        for key in presses:
+            press(replay, key)
+        assert replay.standing.speed == speed
 
 
 def test_keys_have_names() -> None:

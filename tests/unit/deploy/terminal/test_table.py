@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -15,11 +17,12 @@ from formation.deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, happened
 from formation.deploy.terminal.units import metres, seconds
 from formation.deploy.terminal.views import LiveTable, PlainLines, line
 from formation.mission.file import load
-from formation.mission.model import Mission
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.words import as_json
 from tests.support import monitored
+from tests.support.monitored import with_standbys
+from tests.unit.monitor.metrics.test_leading import Team
 
 SILENT = as_json(Metrics(load("six_robots")).snapshot(monitored.now(10.0)))
 SILENT["known"] |= {"error": 0.012, "known_edges": 7, "edges": 9, "silent": {"robot6": 12.4}}
@@ -29,9 +32,8 @@ RUNNING = RobotNow("run", 0.12, 0.75, -0.4, math.radians(-3.0), 0.031)
 
 def progress(mission: str = "six_robots", robots: Mapping[str, RobotNow] | None = None) -> Progress:
     """A run of `mission` after 12 s, with every robot running, or as `robots` has it."""
-    loaded: Mission = load(mission)
-    now = Progress(loaded, 30.0, 8, phase="running", ready=8, elapsed=12.0)
-    now.add_snapshot(Snapshot(1.25, {**dict.fromkeys(loaded.names, RUNNING), **(robots or {})}))
+    now = Progress(load(mission), 30.0, 8, phase="running", ready=8, elapsed=12.0)
+    now.add_snapshot(Snapshot(1.25, {**dict.fromkeys(now.mission.names, RUNNING), **(robots or {})}))
     return now
 
 
@@ -56,54 +58,39 @@ def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None
     assert all(row(lines, name) for name in now.mission.names)
 
 
-def test_a_robots_row_says_state_error_commands_heading_and_age() -> None:
-    words = row(picture(progress()), "robot3").split()
-    assert words == ["robot3", "run", "12", "cm", "0.75", "━━╌╌", "-0.40", "━╌╌╌", "-3.0°", "31", "ms"]
-
-
-@pytest.mark.parametrize("word", ["avoids", "slowed", "blocked"])
-def test_table_tells_why_running_robot_deviates_from_law(word: str) -> None:
-    assert (
-        row(picture(progress(robots={"robot3": RUNNING._replace(avoiding=word)})), "robot3").split()[1]
-        == word
+def test_columns_have_titles_and_units() -> None:
+    assert " ".join(row(picture(progress()), "robot ").split()) == (
+        "robot state error u [m/s] ω [rad/s] θ error age"
     )
+
+
+@pytest.mark.parametrize(
+    ("robot", "shown"),
+    [
+        (RUNNING, "run 12 cm 0.75 ━━╌╌ -0.40 ━╌╌╌ -3.0° 31 ms"),
+        (RUNNING._replace(speed=-1.5), "run 12 cm -1.50 ━━━━! -0.40 ━╌╌╌ -3.0° 31 ms"),
+        (
+            RUNNING._replace(speed=-0.001, turn_rate=-0.0, heading_error=-1e-5),
+            "run 12 cm 0.00 ╌╌╌╌ 0.00 ╌╌╌╌ 0.0° 31 ms",
+        ),
+        (RUNNING._replace(avoiding="avoids"), "avoids 12 cm 0.75 ━━╌╌ -0.40 ━╌╌╌ -3.0° 31 ms"),
+        (RobotNow(), "- - - - - -"),
+        (RobotNow("silent", age=4.0), "silent - - - - 4 s"),
+    ],
+)
+def test_row_shows_state_error_commands_heading_and_age(robot: RobotNow, shown: str) -> None:
+    assert row(picture(progress(robots={"robot3": robot})), "robot3").split() == ["robot3", *shown.split()]
 
 
 def test_a_long_name_is_cut_and_takes_nothing_from_the_figures() -> None:
     now = progress("turtlebot3_pair")
-    mission = now.mission
-    name = "robot" * 10
-    robots = {name: mission.robots["robot1"], "leader": mission.robots["leader"]}
-    now.mission = mission.model_construct(**{**dict(mission), "robots": robots})
+    robots = {"robot" * 10: now.mission.robots["robot1"], "leader": now.mission.robots["leader"]}
+    now.mission = now.mission.model_construct(**{**dict(now.mission), "robots": robots})
     now.add_snapshot(Snapshot(1.0, dict.fromkeys(robots, RUNNING)))
     text = row(picture(now), "robotro")
     assert len(text) <= 80
     assert text.endswith("31 ms")
     assert "robotrobotrobotr…" in text
-
-
-def test_the_columns_have_their_units() -> None:
-    header = next(text for text in picture(progress()) if text.startswith("robot "))
-    assert " ".join(header.split()) == "robot state error u [m/s] ω [rad/s] θ error age"
-
-
-def test_a_command_at_its_limit_is_marked_also_without_colour() -> None:
-    lines = picture(progress(robots={"robot2": RUNNING._replace(speed=-1.5)}))
-    assert "-1.50 ━━━━!" in row(lines, "robot2")
-    assert "!" not in row(lines, "robot3")
-
-
-def test_nothing_has_no_minus() -> None:
-    still = RUNNING._replace(speed=-0.001, turn_rate=-0.0, heading_error=-1e-5)
-    assert row(picture(progress(robots={"robot2": still})), "robot2").split()[4:9:2] == [
-        "0.00",
-        "0.00",
-        "0.0°",
-    ]
-
-
-def test_what_is_not_known_is_a_dash() -> None:
-    assert row(picture(progress(robots={"robot2": RobotNow()})), "robot2").split() == ["robot2", *"------"]
 
 
 def test_robot_with_dead_agent_is_shown_as_dead() -> None:
@@ -163,8 +150,7 @@ def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
 
 
 def test_a_terminal_without_unicode_gets_plain_signs() -> None:
-    text = "\n".join(picture(progress(), ascii_only=True))
-    assert not set(text) & set(BLOCKS + "━╌")
+    assert not set("".join(picture(progress(), ascii_only=True))) & set(BLOCKS + "━╌")
 
 
 LOST = Event(1_700_000_000.0, 40, "robot4", "lost", "silent for 1.0 s; last state: run")
@@ -210,11 +196,6 @@ def test_a_fleet_that_is_watched_has_no_end_to_wait_for() -> None:
     assert picture(now)[-1].startswith("error")
 
 
-def test_a_robot_that_is_gone_is_seen_at_once() -> None:
-    gone = picture(progress(robots={"robot2": RobotNow("silent", age=4.0)}))
-    assert row(gone, "robot2").split() == ["robot2", "silent", "-", "-", "-", "-", "4", "s"]
-
-
 def test_unanswered_connection_shows_message_instead_of_table() -> None:
     now = Progress(load("six_robots"), phase="running", note="no process answers at tcp/x\n  try this")
     assert picture(now) == ["six-robots: no process answers at tcp/x", "  try this"]
@@ -223,16 +204,14 @@ def test_unanswered_connection_shows_message_instead_of_table() -> None:
 
 def test_lines_for_a_log_tell_each_event_and_each_note_once() -> None:
     stream = io.StringIO()
-    view = PlainLines(stream)
-    now = Progress(load("six_robots"), phase="running", note="looking")
+    view, now = PlainLines(stream), Progress(load("six_robots"), phase="running", note="looking")
     view.show(now)
     view.show(now)
     now.note = "no process answers"
     view.show(now)
-    now.add_snapshot(Snapshot(1.0, {}, (LOST,)))
-    view.show(now)
-    now.add_snapshot(Snapshot(1.0, {}, (SETTLED, LOST._replace())))
-    view.show(now)
+    for events in ((LOST,), (SETTLED, LOST._replace())):
+        now.add_snapshot(Snapshot(1.0, {}, events))
+        view.show(now)
     view.show(now)
     assert stream.getvalue().splitlines() == [
         "six-robots: looking", "six-robots: no process answers",
@@ -250,9 +229,8 @@ class Terminal(io.StringIO):
 def test_live_table_is_redrawn_in_place_and_remains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "80")
-    terminal = Terminal()
+    terminal, now = Terminal(), progress()
     with LiveTable(terminal) as view:
-        now = progress()
         view.show(now)
         assert "robot3" in terminal.getvalue()
         assert "\x1b[1A" not in terminal.getvalue()
@@ -263,13 +241,11 @@ def test_live_table_is_redrawn_in_place_and_remains(monkeypatch: pytest.MonkeyPa
 
 
 def test_plain_lines_come_every_two_seconds_or_event(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("formation.deploy.terminal.views.time.monotonic", lambda: clock[0])
+    ticks = itertools.count(1000)
+    monkeypatch.setattr("formation.deploy.terminal.views.time.monotonic", lambda: 0.1 * next(ticks))
     stream = io.StringIO()
-    view = PlainLines(stream)
-    now = progress()
-    for tick in range(50):
-        clock[0] = 100.0 + 0.1 * tick
+    view, now = PlainLines(stream), progress()
+    for _ in range(50):
         view.show(now)
     assert len(stream.getvalue().splitlines()) == 2
     now.dead["monitor"] = "ended with exit code 1 during the run"
@@ -325,3 +301,39 @@ def test_error_over_the_known_edges_says_how_many() -> None:
     assert ">=3.0 mm" in row(picture(now, ascii_only=True), "robot5")
     assert "error 12 mm over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)  settled" in line(now)
     assert now.errors[-1] == 0.012
+
+
+def drawn(event: dict[str, Any], *, dead: str = "", ascii_only: bool = False) -> list[str]:
+    now = Progress(with_standbys(), phase="running", dead_robots={dead} - {""})
+    now.add_snapshot(Snapshot.of(event))
+    return picture(now, 90, 30, ascii_only=ascii_only)
+
+
+def failed_over() -> dict[str, Any]:
+    """What the monitor's snapshot says once spare1 has taken robot1's place."""
+    team = Team(12.0)
+    team.fail_over()
+    return as_json(team.seen)
+
+
+def test_dead_leader_process_is_shown_beside_new_leader() -> None:
+    assert "robot1 lost  spare1 leads  spare2 standby" in "\n".join(drawn(failed_over()))
+    lines = drawn(failed_over(), dead="robot1")
+    assert row(lines, "robot1 (spare1)").split()[2] == "run"
+    assert "robot1 dead  spare1 leads" in "\n".join(lines)
+
+
+def test_only_unusual_conditions_have_a_line() -> None:
+    event = failed_over()
+    plain = "\n".join(drawn(event))
+    assert not [word for word in ("waits", "turned", "in place of") if word in plain]
+    event |= {"waits": "robot4", "rotation": 0.5, "scale": 1.5, "formed": False}
+    event["robots"]["robot4"] |= {"unavailable": True, "state": "run"}
+    event["robots"]["robot6"] |= {"fallback": "robot3"}
+    lines = drawn(event)
+    text = "\n".join(lines)
+    assert "the leader waits for robot4" in text
+    assert "hexagon turned by 28.6°, 1.5 times as large, on its way" in text
+    assert "in place of lost neighbours: robot6 follows robot3" in text
+    assert row(lines, "robot4").split()[1] == "unavail"
+    assert "°" not in drawn(event, ascii_only=True)[-4]
