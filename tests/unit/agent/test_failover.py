@@ -32,7 +32,7 @@ PERIOD = 0.05
 
 
 def led(fleet: Fleet) -> list[str]:
-    """Who has led, one after the other."""
+    """The names of those that led, one after the other."""
     return [leader_term.name for leader_term in fleet.leader_terms]
 
 

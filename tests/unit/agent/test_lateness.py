@@ -1,4 +1,4 @@
-"""Freshness of stamped messages, and fleets whose messages come later and later."""
+"""Freshness of stamped messages, and fleets with a growing delay of messages."""
 
 from __future__ import annotations
 

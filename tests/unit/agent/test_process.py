@@ -326,7 +326,7 @@ def test_status_reports_refusals_by_kind_but_no_unknown_link() -> None:
 
 
 class Moored(Fleet):
-    """A fleet whose robot1 is only looked at: nobody passes on what its agent commands."""
+    """A fleet in which the commands of robot1's agent do not reach the robot."""
 
     def new_agent(self, name: str) -> Agent:
         return Agent(self.mission, name, self.law, readonly=name == "robot1", publisher_id=name)

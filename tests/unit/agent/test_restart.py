@@ -123,7 +123,7 @@ def test_recording_of_restarted_agent_verifies_exactly() -> None:
 
 
 def lost(seconds: float, mission: Mission = SIX) -> Team:
-    """A team whose robot3 has lost its agent for so long."""
+    """A team in which robot3 has had no agent for that time."""
     team = driving(mission)
     team.lose("robot3", seconds)
     return team

@@ -73,7 +73,7 @@ def test_comments_order_and_all_other_values_stay(capsys: Capsys) -> None:
 
 
 def exchanged(text: str, one: str, other: str) -> None:
-    """Write the mission `text`, in whose shapes two robots have exchanged their slots, to mine.toml."""
+    """Write the mission `text`, with the slots of two robots exchanged in its shapes, to mine.toml."""
     swapped = re.sub(
         rf"^({one}|{other}) = \[",
         lambda line: f"{other if line[1] == one else one} = [",
