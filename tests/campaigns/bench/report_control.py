@@ -231,7 +231,7 @@ samples are 100 ms old and positions have 5 mm of noise; there the RMS of the er
 that no other beats in both, and the same law when every robot measures the leader instead of its neighbours.
 
 {markdown(header, rows)}
-Where the rest goes: a robot follows neighbours who are on their way themselves, and has to turn first.
+What remains above the bound: neighbours are still moving to their slots, and the robot must turn first.
 """
 
 

@@ -26,7 +26,7 @@ SIX, PATROL = load("six_robots"), load("patrol")
 
 
 class FakeProcess:
-    """A process whose loop is the test, and its bus."""
+    """A process that the test steps, and its bus."""
 
     def __init__(self, run: Callable[[Any, FakeProcess], None]) -> None:
         self.bus, self._run, self.clock = self, run, clocks

@@ -8,39 +8,32 @@ exactly once, and behind + what replaces it. Lines without a replacement are rem
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from tests.campaigns.defects.defect import Defect
 
 DEFECT = re.compile(r"^([\w-]+) \((.+)\): (.+)\n((?:- .*\n)+)((?:\+ .*\n)*)", re.MULTILINE)
 
 
-class Part(NamedTuple):
-    DEFECTS: tuple[Defect, ...]
-
-
-def read(path: Path) -> Part:
+def read(path: Path) -> Iterator[Defect]:
     """All defects of one file."""
     _, *paragraphs = path.read_text(encoding="utf-8").strip().split("\n\n")
-    found = []
     for paragraph in paragraphs:
         file, _, rest = f"{paragraph}\n".partition("\n")
         assert not DEFECT.sub("", rest), f"{path}: {DEFECT.sub('', rest)}"
         for name, first, breaks, *texts in DEFECT.findall(rest):
             before, after = ("\n".join(line[2:] for line in text.splitlines()) for text in texts)
-            found.append(
-                Defect(name, file, before if after else f"{before}\n", after, breaks, tuple(first.split()))
-            )
-    return Part(tuple(found))
+            whole = before if after else f"{before}\n"
+            yield Defect(name, file, whole, after, breaks, tuple(first.split()))
 
 
-PARTS = [
-    read(Path(__file__).with_name(f"{name}.diff"))
+EVERY = [
+    defect
     for name in (
         *("safety", "orders", "persistence", "collisions", "control"),
         *("sensing", "election", "leading", "watching"),
     )
+    for defect in read(Path(__file__).with_name(f"{name}.txt"))
 ]
-DEFECTS: Mapping[str, Defect] = {one.name: one for part in PARTS for one in part.DEFECTS}
+DEFECTS: Mapping[str, Defect] = {one.name: one for one in EVERY}

@@ -174,7 +174,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
     "commands too suddenly": (TRIO, "", "ramp", commanding(Command(-0.8, 0.0))),
     "two candidates lead": (PATROL, "", "leaders", {"leader.candidacy.Candidacy.lease_end":
          property(lambda one: float("inf") if one._rank < 2 else 0.0)}),
-    "nobody leads": (PAIR, "leader:kill@6+1", "led", {"deploy.rehearsal.fleet.Fleet.start": nothing}),
+    "leader stays killed": (PAIR, "leader:kill@6+1", "led", {"deploy.rehearsal.fleet.Fleet.start": nothing}),
     "holds without fault": (PAIR.changed(simulated_robot=PAIR.simulated_robot.model_copy(
          update={"position_noise": 0.005})), "", "hold", {"agent.pose.sources.JUMP_DEVIATIONS": 0.0}),
     "leaves its bounds": (FENCED, "", "bounds",

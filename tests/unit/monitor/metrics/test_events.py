@@ -147,7 +147,7 @@ def test_silent_status_creates_no_event() -> None:
 
 
 def astray(is_off: Callable[[float], bool], by: float) -> Watcher:
-    """A fleet whose robot6, which has two edges, is off its slot `by` [m] while `is_off` [s]."""
+    """A fleet with robot6, which has two edges, `by` [m] off its slot while `is_off` [s]."""
     return Watcher(Fleet(away=lambda robot, t: by * 1j if robot == "robot6" and is_off(t) else 0j))
 
 

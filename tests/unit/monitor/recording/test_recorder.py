@@ -62,7 +62,7 @@ def record(path: Path, samples: Iterable[Sample], *, flush: bool = False, **how:
 
 
 def read_by_mcap(path: Path) -> list[tuple[Schema | None, Channel, Message]]:
-    """All messages in the order of the file, by the reader of those who made the format."""
+    """All messages in the order of the file, read by the `mcap` package."""
     with path.open("rb") as stream:
         return list(make_reader(stream).iter_messages(log_time_order=False))
 
