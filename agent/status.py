@@ -63,7 +63,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         follows=here.state.follows,
         order=agent.orders.newest,
         beat_silence=now.mono - state.orders.rose,
-        neighbours=around.silences(now),
+        neighbours={} if around.guides else around.silences(now),
         followed=len(around.guides),
         not_followed=() if around.guides else around.not_followed(now),
         unanswered={one.name: late for one in agent.others if (late := one.unanswered(now)) is not None},

@@ -226,7 +226,7 @@ class Neighbour:
     ) -> neighbour.Track:
         if elapsed is None or track is None:
             return neighbour.first_seen(stamp, point)
-        before = track._replace(stamp=stamp - elapsed)
+        before = neighbour.Track(stamp - elapsed, track.point, track.velocity)
         return neighbour.seen(before, stamp, point, self._filter, self.top_speed)
 
     def check_mission(self, tag: str, arrived: float) -> None:
@@ -324,7 +324,7 @@ class Neighbourhood:
             for name in spec.measurable
         }
         self.state = NeighbourhoodState(each={name: one.state for name, one in self.each.items()})
-        self._mission, self._robot = mission, robot
+        self._mission, self._robot, self._measures = mission, robot, local
         self._neighbours, self._fallbacks = spec.neighbours, spec.fallback_neighbours
         self._circular = mission.names.index(robot) in cyclic_core(mission.graph)
         self._mean = controller.mean
@@ -351,7 +351,8 @@ class Neighbourhood:
 
     def moved(self, moment: float, travel: Travel | None) -> None:
         """Add an interval of own motion that ends at `moment` [s, monotonic]; None if that is unknown."""
-        self.state.own.add(moment, travel)
+        if self._measures:
+            self.state.own.add(moment, travel)
 
     def judge(self, age_limit: float, now: Now) -> None:
         """Judge what sensors have measured; `age_limit` [s] as for an own position."""

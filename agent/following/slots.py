@@ -70,7 +70,7 @@ class Slots:
             going=zero.copy(),
             leader_speed=mission.leader_speed,
         )
-        self._max_speed = spec.max_speed
+        self._max_speed, self._leader_speed = spec.max_speed, mission.leader_speed
         self._mission = mission
         self._fastest = {name: MAX_SLOT_SPEED_SHARE * mission.robots[name].max_speed for name in names}
         self._period = 1.0 / mission.robots[mission.leader].rate
@@ -123,7 +123,7 @@ class Slots:
             speed = min(abs(moved) / elapsed, self._max_speed)
         share = -math.expm1(-elapsed / VELOCITY_FILTER_TIME)
         change = share * (speed - self.state.leader_speed)
-        self.state.leader_speed = max(self._mission.leader_speed, self.state.leader_speed + change)
+        self.state.leader_speed = max(self._leader_speed, self.state.leader_speed + change)
 
     def _go(self, order: Order, elapsed: float) -> None:
         state = self.state

@@ -20,19 +20,19 @@ sensor shows a probe's motion (`formation.agent.pose.probe`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.agent.pose.motion_model import (
     DELAY_COUNT,
-    LOOKBACK_COUNT,
-    SPACING,
-    Modelled,
+    Between,
     MotionModel,
     MotionModelState,
     OwnDelay,
     OwnDelayState,
+    positions,
+    turns,
 )
 from formation.control.observer import Travel
 from formation.control.plane import rotation
@@ -85,6 +85,8 @@ class Tolerance(NamedTuple):
 
 POSITION = Tolerance(net_min=0.06, still_min=0.035, still=0.006, moved=0.02, carried=0.06)
 HEADING = Tolerance(net_min=0.3, still_min=0.2, still=0.05, moved=0.12, carried=0.4)
+POSITION_FAULTS = MotionFault.FROZEN, MotionFault.CARRIED
+HEADING_FAULTS = MotionFault.TURN, MotionFault.TURNED
 
 
 @dataclass(slots=True, kw_only=True)
@@ -139,19 +141,21 @@ class Leg:
         moment: float,
         models: Sequence[complex],
         path: float,
-        slack: float,
+        slack: Callable[[], float],
         kinds: tuple[MotionFault, MotionFault],
     ) -> Disagreement | None:
-        """What disagrees; `slack` is the model's possible error between two delays.
+        """What disagrees; `slack` returns the model's possible error between two delays.
 
         `kinds` name too little and too much motion.
         """
         state = self.state
         limits, seen, least = self._tolerance, abs(state.seen), self.least(models)
         over = min(moment - state.began, FORGETTING_TIME)  # what was before has faded
-        still = least > limits.still_min + slack and state.farthest < limits.still
-        if still or (least > limits.net_min + slack and seen < MIN_MOTION_SHARE * least):
-            return Disagreement(kinds[0], least, seen, over)
+        if least > limits.still_min:
+            error = slack()
+            still = least > limits.still_min + error and state.farthest < limits.still
+            if still or (least > limits.net_min + error and seen < MIN_MOTION_SHARE * least):
+                return Disagreement(kinds[0], least, seen, over)
         most = path - state.path_before
         if seen > MAX_MOTION_RATIO * most + limits.carried:
             return Disagreement(kinds[1], most, seen, over)
@@ -245,54 +249,50 @@ class MotionCheck:
         if travel is None or last is None:
             self._begin(moment, models)
             return
-        points, turns = [one.position for one in models], [complex(one.turn) for one in models]
-        remaining, newest = math.exp(-max(0.0, moment - last) / FORGETTING_TIME), models[0]
-        fastest, spacing = self.model.fastest, self.model.spacing
+        points, turned = positions(models), turns(models)
+        remaining, newest = math.exp(-max(0.0, moment - last) / FORGETTING_TIME), self.model.now
+        model, half = self.model, 0.5 * self.model.spacing
         self._position.add(travel.displacement, remaining, points, newest.path)
-        self._heading.add(complex(travel.turn), remaining, turns, newest.turning)
+        self._heading.add(complex(travel.turn), remaining, turned, newest.turning)
         if gap:
             self._position.excuse(travel.displacement)
             self._heading.excuse(complex(travel.turn))
             self._begin_window(moment, models)
-        slack, turn_slack = 0.5 * spacing * fastest.speed, 0.5 * spacing * fastest.turn_rate
         self.state.doubt = self._position.judge(
-            moment, points, newest.path, slack, (MotionFault.FROZEN, MotionFault.CARRIED)
+            moment, points, newest.path, lambda: half * model.fastest.speed, POSITION_FAULTS
         )
         if self._has_heading and self.state.doubt is None:
             self.state.doubt = self._heading.judge(
-                moment, turns, newest.turning, turn_slack, (MotionFault.TURN, MotionFault.TURNED)
+                moment, turned, newest.turning, lambda: half * model.fastest.turn_rate, HEADING_FAULTS
             )
         if self._has_speeds and not gap and self.state.doubt is None:
             self.state.doubt = self._contradiction(moment, travel, models)
         if self._position.shows_motion(points, newest.path):
             self._position.begin(moment, points, models[HALF_DELAY_INDEX].path)
             self.state.confirmed += 1
-        if self._heading.shows_motion(turns, newest.turning):
-            self._heading.begin(moment, turns, models[HALF_DELAY_INDEX].turning)
+        if self._heading.shows_motion(turned, newest.turning):
+            self._heading.begin(moment, turned, models[HALF_DELAY_INDEX].turning)
 
     def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
         """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
         if travel is None:
-            self._delay.state.seen.clear()
+            self._delay.interrupt()
             return
-        self._delay.add(moment, travel.displacement, self.model.positions_back(SPACING, LOOKBACK_COUNT))
-        doubt = self.state.doubt
-        if doubt is None or doubt.kind is MotionFault.FROZEN:
+        learned, doubt = self._delay.add(moment, travel.displacement, self.model), self.state.doubt
+        if learned and (doubt is None or doubt.kind is MotionFault.FROZEN):
             delay = self._delay.judge(limit)
             if delay is not None:
                 self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)
 
-    def _begin(self, moment: float, models: Sequence[Modelled]) -> None:
-        self._position.begin(moment, [one.position for one in models], models[HALF_DELAY_INDEX].path)
-        self._heading.begin(moment, [complex(one.turn) for one in models], models[HALF_DELAY_INDEX].turning)
+    def _begin(self, moment: float, models: Sequence[Between]) -> None:
+        self._position.begin(moment, positions(models), models[HALF_DELAY_INDEX].path)
+        self._heading.begin(moment, turns(models), models[HALF_DELAY_INDEX].turning)
         self._begin_window(moment, models)
 
-    def _begin_window(self, moment: float, models: Sequence[Modelled]) -> None:
+    def _begin_window(self, moment: float, models: Sequence[Between]) -> None:
         self.state.window = SpeedWindow(began=moment, ahead_before=[one.ahead for one in models])
 
-    def _contradiction(
-        self, moment: float, travel: Travel, models: Sequence[Modelled]
-    ) -> Disagreement | None:
+    def _contradiction(self, moment: float, travel: Travel, models: Sequence[Between]) -> Disagreement | None:
         """How odometry's speeds contradict its positions, or the commands."""
         window = self.state.window
         half = rotation(0.5 * travel.turn)

@@ -13,6 +13,7 @@ not.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 MAX_CLOCK_DRIFT = 5e-4
@@ -110,6 +111,7 @@ def counted(
     return Count(before.term, before.quickest, series), late
 
 
+@lru_cache(maxsize=64)
 def own_age_limit(neighbours: int, k_p: float, k_i: float, rate: float, longest: float) -> float:
     """Greatest age of a robot's own position in the law [s]: half of its loop's delay margin.
 

@@ -118,6 +118,13 @@ class Area(NamedTuple):
         x, y = [point.real for point in points], [point.imag for point in points]
         return cls(min(x), max(x), min(y), max(y), max(map(abs, points)))
 
+    def contains(self, point: complex, clearance: float = 0.0) -> bool:
+        """Whether a point is inside, at least `clearance` from each limit [m]."""
+        return (
+            self.x_min + clearance <= point.real <= self.x_max - clearance
+            and self.y_min + clearance <= point.imag <= self.y_max - clearance
+        )
+
     def breach(self, point: complex, what: str, clearance: float = 0.0) -> Breach:
         """The relation of a point to the limit that it is furthest beyond, or nearest to."""
         return max(self.sides(point, what, clearance))
@@ -162,15 +169,13 @@ class Geofence:
 
     def holds(self, point: complex) -> bool:
         """Whether a point is inside [m; world frame]."""
-        return self.area.breach(point, "").excess <= 0.0
+        return self.area.contains(point)
 
     def outside(self, centre: complex, *, before: bool) -> Reason | None:
         """How a robot is outside; None inside. If outside `before`: until it is well inside."""
-        breach = self.area.breach(centre, "")
-        if breach.excess <= 0.0 and before:
-            breach = self.area.breach(centre, "", RETURN_DEPTH)
-        if breach.excess <= 0.0:
+        if self.area.contains(centre, RETURN_DEPTH if before else 0.0):
             return None
+        breach = self.area.breach(centre, "", 0.0 if not self.area.contains(centre) else RETURN_DEPTH)
         return Reason.of(Code.OUTSIDE_BOUNDS, axis=breach.axis, value=breach.value, limit=breach.limit)
 
     def breach(self, placed_shapes: Iterable[PlacedShape], place: complex, clearance: float = 0.0) -> Breach:
@@ -183,7 +188,7 @@ class Geofence:
 
     def clear_of(self, place: complex, scale: float) -> bool:
         """Whether no shape of this scale comes near the bounds, with the leader at `place`."""
-        return self.area.breach(place, "", self.clearance + scale * self._size).excess <= 0.0
+        return self.area.contains(place, self.clearance + scale * self._size)
 
     def refusal(self, placed_shapes: Sequence[PlacedShape], place: complex) -> str | None:
         """Why shapes cannot be taken in sequence, with the leader at `place`; None if they can.
