@@ -149,7 +149,7 @@ class Fleet:
         }  # fmt: skip
         cores: dict[str, Core] = {"world": self.world, **self.candidates, **self.agents}
         self.nodes = {name: Node(core) for name, core in cores.items()}
-        self._number = itertools.count()
+        self._events_made = 0
         self._events: list[tuple[float, int, str, Sample | None]] = []
         self._published: dict[str, bytes] = {}
         self._commanded = {CMD_VEL.key(name): name for name in self.agents}
@@ -382,14 +382,19 @@ class Fleet:
         """The newest status as its message has it."""
         return decode(Diagnostics, self._published[name]).statuses[0]
 
+    def _next_number(self) -> int:
+        """The number of an event, which orders those of one moment."""
+        self._events_made += 1
+        return self._events_made - 1
+
     def _wake(self, name: str, moment: float) -> None:
         """Have a node step by itself, a little after it asked for it, as a real loop would."""
-        self.nodes[name].wake = next(self._number)
+        self.nodes[name].wake = self._next_number()
         moment = max(moment, self.now) + 1e-4
         heapq.heappush(self._events, (moment, self.nodes[name].wake, name, None))
 
     def _deliver(self, name: str, sample: Sample) -> None:
-        heapq.heappush(self._events, (sample.arrived, next(self._number), name, sample))
+        heapq.heappush(self._events, (sample.arrived, self._next_number(), name, sample))
 
     def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
         for out in outbox:
