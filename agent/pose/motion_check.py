@@ -219,7 +219,7 @@ class MotionCheck:
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING)
-        self._delay = OwnDelay(mission.collisions.noise)
+        self._delay = OwnDelay(mission.collisions.noise, spec.rate)
         self.state = MotionCheckState(
             model=self.model.state,
             position=self._position.state,

@@ -5,10 +5,10 @@ commands late, by an unknown delay of up to `longest` [s] (its wheels' lag, the 
 delay of the measurement), so every comparison is made for several delays in between.
 
 `OwnDelay` estimates that delay, whatever stamps say: a driver that stamps on publication hides how old its
-measurements are, but speeds that vary appear in the positions after the delay. Both paths are sampled at the
-same moments, `SPACING` apart. Over a few seconds, the distance that was seen in `WINDOW_TIME` is fitted by
-that of the dead reckoning, for every delay on a grid, with a factor for slip. Where no delay up to the limit
-fits, and a longer one does, measurements are late. Steady motion fits every delay, and proves nothing.
+measurements are, but speeds that vary appear in the positions after the delay. Over a few seconds, the
+distance between two positions `WINDOW_TIME` apart is fitted by that of the dead reckoning, for every delay on
+a grid, with a factor for slip. Where no delay up to the limit fits, and a longer one does, measurements are
+late. Steady motion fits every delay, and proves nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import NamedTuple
 
 from formation.control.unicycle import AT_REST, Command, along
@@ -31,12 +30,12 @@ GRID_COUNT = 25
 WINDOW_STEPS = 8
 WINDOW_TIME = WINDOW_STEPS * SPACING
 """Time between the two positions of each fitted distance [s]."""
-SPARE_COUNT = 4
-"""Number of distances that are kept beyond the grid: measurements may be older than the newest command."""
+LOOKBACK_COUNT = GRID_COUNT + WINDOW_STEPS
+"""Number of states of the dead reckoning that are needed, `SPACING` apart."""
+KEPT_TIME = LOOKBACK_COUNT * SPACING
+"""Time over which the dead reckoning is needed [s]."""
 FADING_TIME = 5.0
 """Time constant with which earlier distances are forgotten [s]."""
-FADING_SHARE = math.exp(-SPACING / FADING_TIME)
-"""Share of the earlier distances that counts at the next moment."""
 FIT_RATIO = 4.0
 """The best delay beyond the limit fits so many times better than the best one within it."""
 MIN_MISFIT = 0.02
@@ -96,41 +95,12 @@ START = Modelled(float("-inf"), 0j, 1.0 + 0.0j, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True, kw_only=True)
-class SampledPath:
-    """Positions of a path at moments `SPACING` apart, and the distances over `WINDOW_TIME`."""
-
-    tick: int = 0
-    """Number of the newest moment, from 0 on the monotonic clock; 0 before the first."""
-    points: deque[complex] = field(default_factory=deque)
-    """Newest positions [m], oldest first, at most `WINDOW_STEPS`."""
-    distances: deque[float] = field(default_factory=deque)
-    """From each to the position `WINDOW_TIME` later [m], newest first."""
-
-
-def next_ticks(begin: float, end: float) -> range:
-    """Return the numbers of the moments after `begin`, until `end` [s, monotonic]."""
-    return range(math.floor(begin / SPACING) + 1, math.floor(end / SPACING) + 1)
-
-
-def sample(path: SampledPath, tick: int, point: complex, kept: int) -> None:
-    """Add the `point` [m] at the moment `tick`; keep `kept` distances."""
-    path.tick = tick
-    points, distances = path.points, path.distances
-    if len(points) == WINDOW_STEPS:
-        distances.appendleft(abs(point - points.popleft()))
-        if len(distances) > kept:
-            distances.pop()
-    points.append(point)
-
-
-@dataclass(slots=True, kw_only=True)
 class MotionModelState:
     """The newest command, and where the commands have led to."""
 
     command: Command = AT_REST
     states: deque[Modelled] = field(default_factory=lambda: deque([START]))
     """Over the time that is kept, oldest first; never empty."""
-    path: SampledPath = field(default_factory=SampledPath)
 
 
 class MotionModel:
@@ -143,7 +113,7 @@ class MotionModel:
         """
         self.longest = longest
         """Longest delay that is considered [s]."""
-        self._gap = gap
+        self._gap, self._kept = gap, max(longest, KEPT_TIME)
         self.state = MotionModelState()
 
     @property
@@ -194,41 +164,28 @@ class MotionModel:
                 last.turning + abs(turn),
             )
         )
-        while len(self.state.states) > 1 and self.state.states[1].moment <= moment - self.longest:
+        while len(self.state.states) > 1 and self.state.states[1].moment <= moment - self._kept:
             self.state.states.popleft()
-        self._sample(last, over)
-
-    def _sample(self, last: Modelled, over: float) -> None:
-        """Sample the path from the state `last` to the newest, which was reached after `over` [s]."""
-        count, newest = GRID_COUNT + SPARE_COUNT, self.now
-        earliest = newest.moment - (count + WINDOW_STEPS) * SPACING
-        for tick in next_ticks(max(last.moment, earliest), newest.moment):
-            share = min(1.0, (tick * SPACING - last.moment) / over)
-            sample(self.state.path, tick, last.position + share * (newest.position - last.position), count)
-
-    def distances(self, tick: int) -> list[float]:
-        """Return the commanded distances over `WINDOW_TIME` before the moment `tick` [m], for each delay.
-
-        Those for the shortest delay come first. They are fewer than `GRID_COUNT` at a start, before which
-        nothing was commanded.
-        """
-        later = max(0, self.state.path.tick - tick)
-        return list(islice(self.state.path.distances, later, later + GRID_COUNT))
 
     def delayed(self) -> list[Between]:
         """The newest state, and the states at each delay before it, newest first."""
-        earlier, spacing = reversed(self.state.states), self.spacing
+        return self.back(self.spacing, DELAY_COUNT)
+
+    def back(self, spacing: float, count: int) -> list[Between]:
+        """The newest state and those before it, `spacing` [s] apart, newest first, `count` in all."""
+        earlier = reversed(self.state.states)
         newest = after = next(earlier)
         before = next(earlier, after)
+        begin, end = before.moment, after.moment
         found = [Between(newest, newest, 0.0)]
-        for step in range(1, DELAY_COUNT):
+        for step in range(1, count):
             moment = newest.moment - step * spacing
-            while before.moment >= moment and before is not after:
-                after, before = before, next(earlier, before)
-            if moment <= before.moment or before.moment == float("-inf"):
-                share = 0.0
-            else:
-                share = min(1.0, (moment - before.moment) / (after.moment - before.moment))
+            while begin >= moment and before is not after:
+                after, end = before, begin
+                before = next(earlier, after)
+                begin = before.moment
+            stood = moment <= begin or begin == -math.inf
+            share = 0.0 if stood else min(1.0, (moment - begin) / (end - begin))
             found.append(Between(before, after, share))
         return found
 
@@ -269,12 +226,12 @@ def turns(moments: Sequence[Between]) -> list[complex]:
 
 @dataclass(slots=True, kw_only=True)
 class OwnDelayState:
-    """Sums of squared distances, which fade, and the newest positions."""
+    """Sums of distances, which fade, and the newest positions."""
 
-    last: tuple[float, complex] | None = None
-    """When the newest position arrived [s, monotonic], and the position from where the first was [m]."""
-    path: SampledPath = field(default_factory=SampledPath)
-    """What was seen."""
+    seen: deque[tuple[float, complex]] = field(default_factory=deque)
+    """When positions arrived [s, monotonic], and the positions from where the first was [m], oldest first."""
+    skipped: int = 0
+    """Number of positions since the last that counted."""
     count: float = 0.0
     """Number of distances."""
     squares: float = 0.0
@@ -288,40 +245,49 @@ class OwnDelayState:
 class OwnDelay:
     """Estimates the delay of one robot's measurements."""
 
-    def __init__(self, noise: float) -> None:
-        """Positions have `noise` [m] (standard deviation per axis)."""
+    def __init__(self, noise: float, rate: float) -> None:
+        """Positions have `noise` [m] (standard deviation per axis), and come at `rate` [Hz]."""
         self.state = OwnDelayState()
         self._misfit = math.hypot(MIN_MISFIT, NOISE_DEVIATIONS * noise)
+        self._stride = max(1, math.floor(rate * SPACING))
 
     def interrupt(self) -> None:
         """Begin the path that was seen anew; what was learned from it stays."""
-        self.state.last, self.state.path = None, SampledPath()
+        self.state.seen.clear()
 
     def add(self, moment: float, moved: complex, model: MotionModel) -> bool:
         """Add a measurement at `moment` [s, monotonic], `moved` [m] from the one before.
 
-        Whether there is more to `judge` now. `model` has the commands until then.
+        Whether there is more to `judge` now: of measurements that come faster than `SPACING` not each one
+        counts. `model` has the commands until then.
         """
         state = self.state
-        began, before = state.last or (moment, 0j)
-        state.last = moment, before + moved
-        learned = False
-        for tick in next_ticks(began, moment):
-            share = min(1.0, (tick * SPACING - began) / (moment - began))
-            sample(state.path, tick, before + share * moved, 1)
-            if state.path.distances:
-                self._learn(state.path.distances[0], model.distances(tick))
-                learned = True
-        return learned
+        before = state.seen[-1] if state.seen else (moment, 0j)
+        state.seen.append((moment, before[1] + moved))
+        while len(state.seen) > 2 and state.seen[1][0] <= moment - WINDOW_TIME:
+            state.seen.popleft()
+        oldest, next_one = state.seen[0], state.seen[min(1, len(state.seen) - 1)]
+        state.skipped += 1
+        if state.skipped < self._stride:
+            return False
+        state.skipped = 0
+        if oldest[0] > moment - WINDOW_TIME:
+            return True
+        share = (moment - WINDOW_TIME - oldest[0]) / (next_one[0] - oldest[0])
+        start = oldest[1] + share * (next_one[1] - oldest[1])
+        since = state.seen[max(-len(state.seen), -1 - self._stride)][0]
+        points = positions(model.back(SPACING, LOOKBACK_COUNT))
+        self._learn(abs(state.seen[-1][1] - start), points, math.exp((since - moment) / FADING_TIME))
+        return True
 
-    def _learn(self, seen: float, commanded: Sequence[float]) -> None:
-        state, kept = self.state, FADING_SHARE
+    def _learn(self, seen: float, points: Sequence[complex], kept: float) -> None:
+        state = self.state
         state.count, state.squares = kept * state.count + 1.0, kept * state.squares + seen * seen
-        commanded = [*commanded, *[0.0] * (GRID_COUNT - len(commanded))]
-        state.model_squares = [
+        commanded = [abs(now - before) for now, before in zip(points, points[WINDOW_STEPS:], strict=False)]
+        state.model_squares[:] = [
             kept * total + one * one for total, one in zip(state.model_squares, commanded, strict=True)
         ]
-        state.products = [
+        state.products[:] = [
             kept * total + one * seen for total, one in zip(state.products, commanded, strict=True)
         ]
 
@@ -338,7 +304,7 @@ class OwnDelay:
         state = self.state
         if state.count < MIN_COUNT:
             return None
-        allowed = math.floor(min(limit, GRID_COUNT * SPACING) / SPACING + 0.5) + 1
+        allowed = math.floor(min(limit, KEPT_TIME) / SPACING + 0.5) + 1
         if allowed >= GRID_COUNT:
             return None
         misfits = self.misfits()

@@ -1,4 +1,4 @@
-"""Dead reckoning sampled at even moments, and the delay that it finds in measurements."""
+"""Dead reckoning of commands, and the delay of measurements that it shows."""
 
 from __future__ import annotations
 
@@ -10,70 +10,93 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.agent.pose.motion_model import (
-    GRID_COUNT,
+    LOOKBACK_COUNT,
     SPACING,
-    WINDOW_STEPS,
     MotionModel,
     OwnDelay,
+    positions,
 )
 from formation.control.unicycle import Command
+from tests.support.examples import slow
 
-LONGEST, GAP = 0.5, 0.4
-INTERVALS = st.lists(st.floats(0.004, 0.19), min_size=30, max_size=120)
-SPEEDS = st.lists(st.floats(-0.5, 0.5), min_size=30, max_size=120)
+LONGEST, GAP = 0.5, 0.6
+Path = list[tuple[float, complex]]
+"""Moments [s] and positions [m]."""
 
 
-@given(INTERVALS, SPEEDS)
-def test_sampled_distances_are_those_of_the_path(intervals: list[float], speeds: list[float]) -> None:
-    model, whole = MotionModel(LONGEST, GAP), [(3.0, 0j)]
+def at(path: Path, moment: float) -> complex:
+    """The position on a path then; before its start it stood."""
+    after = min(max(bisect(path, moment, key=lambda one: one[0]), 1), len(path) - 1)
+    (begin, first), (end, last) = path[after - 1], path[after]
+    return first + min(1.0, max(0.0, (moment - begin) / (end - begin))) * (last - first)
+
+
+@given(st.lists(st.floats(0.004, 0.19), min_size=2, max_size=120), st.integers(0, 2**32))
+def test_positions_back_are_those_of_the_path(intervals: list[float], seed: int) -> None:
+    random, model, path = Random(seed), MotionModel(LONGEST, GAP), [(3.0, 0j)]
     model.go_to(3.0)
-    for interval, speed in zip(intervals, speeds, strict=False):
-        model.commanded(whole[-1][0], Command(speed, 0.3 * speed))
-        model.go_to(whole[-1][0] + interval)
-        whole.append((model.now.moment, model.now.position))
-
-    def at(moment: float) -> complex:
-        after = min(bisect(whole, moment, key=lambda one: one[0]), len(whole) - 1)
-        (begin, first), (end, last) = whole[after - 1], whole[after]
-        return first + min(1.0, max(0.0, (moment - begin) / (end - begin))) * (last - first)
-
-    newest = model.state.path.tick
-    for later in (0, 2):
-        for delay, distance in enumerate(model.distances(newest - later)):
-            end = (newest - later - delay) * SPACING
-            if end - WINDOW_STEPS * SPACING > whole[0][0]:
-                assert distance == pytest.approx(abs(at(end) - at(end - WINDOW_STEPS * SPACING)), abs=1e-9)
+    for interval in intervals:
+        model.commanded(path[-1][0], Command(random.uniform(-0.5, 0.5), random.uniform(-1.0, 1.0)))
+        model.go_to(path[-1][0] + interval)
+        path.append((model.now.moment, model.now.position))
+    found = positions(model.back(SPACING, LOOKBACK_COUNT))
+    expected = [at(path, path[-1][0] - number * SPACING) for number in range(LOOKBACK_COUNT)]
+    assert found == pytest.approx(expected, abs=1e-9)
 
 
-@given(st.integers(0, GRID_COUNT - 1), st.floats(0.005, 0.15), st.integers(0, 2**32))
-def test_the_delay_of_measurements_is_found(steps: int, period: float, seed: int) -> None:
-    random = Random(seed)
-    delay, model, found = steps * SPACING, MotionModel(LONGEST, GAP), OwnDelay(noise=0.0)
-    path, moment, last, command = [(0.0, 0j)], 2.0, 0j, 0.0
+def delays_found(rate: float, delay: float, limit: float, seed: int, seconds: float = 30.0) -> list[float]:
+    """Verdicts on a robot whose speed changes at random, and whose positions are `delay` [s] old [s]."""
+    random, model, estimate = Random(seed), MotionModel(LONGEST, 3.0 / rate), OwnDelay(0.0, rate)
+    moment, last, path, found, due = 100.0, 0j, [(99.0, 0j), (100.0, 0j)], list[float](), 100.0
     model.go_to(moment)
-    for count in range(round(12.0 / period)):
-        if count % max(1, round(0.4 / period)) == 0:
-            command = random.uniform(-0.6, 0.6)
-        model.commanded(moment, Command(command, 0.0))
-        moment += period * random.uniform(0.7, 1.3)
+    while moment < 100.0 + seconds:
+        if moment >= due:
+            due, speed = moment + random.uniform(0.3, 1.5), random.uniform(-0.6, 0.6)
+        model.commanded(moment, Command(speed, 0.0))
+        moment += random.uniform(0.7, 1.3) / rate
         model.go_to(moment)
         path.append((moment, model.now.position))
-        number = max(1, min(bisect(path, moment - delay, key=lambda one: one[0]), len(path) - 1))
-        (begin, first), (end, then) = path[number - 1], path[number]
-        seen = first + max(0.0, moment - delay - begin) / (end - begin) * (then - first)
-        found.add(moment, seen - last, model)
+        seen = at(path, moment - delay)
+        if estimate.add(moment, seen - last, model) and (late := estimate.judge(limit)) is not None:
+            found.append(late)
         last = seen
-    misfits = found.misfits()
-    assert abs(misfits.index(min(misfits)) - steps) <= 1 + period / SPACING
-    if 0.5 < delay < 1.2 and period < 0.06:
-        assert found.judge(0.3) == pytest.approx(delay, abs=0.11)
-    assert found.judge(delay + 0.1) is None
+    return found
 
 
-def test_a_long_pause_costs_no_more_than_is_kept() -> None:
-    model = MotionModel(LONGEST, GAP)
-    for count in range(100):
-        model.commanded(3.0 + 0.02 * count, Command(0.2, 0.0))
-    model.go_to(1e7)
-    assert model.distances(model.state.path.tick) == [0.0] * GRID_COUNT
-    assert len(model.state.path.points) == WINDOW_STEPS
+@pytest.mark.parametrize("rate", [2.0, 20.0, 200.0, *slow(3.0, 5.0, 10.0, 50.0, 100.0)])
+@pytest.mark.parametrize("seed", [1, *slow(2, 3, 4)])
+def test_late_measurements_are_found_at_every_rate(rate: float, seed: int) -> None:
+    found = delays_found(rate, 1.0, 0.5 + 1.0 / rate if rate > 2.5 else 0.6, seed)
+    assert found
+    assert max(abs(one - 1.0) for one in found[len(found) // 2 :]) <= 0.1 + 0.2 / rate
+
+
+@pytest.mark.parametrize("rate", [2.5, 20.0, 200.0, *slow(3.0, 5.0, 10.0, 50.0, 100.0)])
+@pytest.mark.parametrize("seed", [1, *slow(*range(2, 40))])
+def test_measurements_within_the_limit_are_never_called_late(rate: float, seed: int) -> None:
+    delay = Random(seed).uniform(0.0, 0.4)
+    assert delays_found(rate, delay, 0.5 + 1.0 / rate, seed, seconds=12.0) == []
+
+
+def test_few_measurements_are_no_proof_of_a_delay() -> None:
+    arrivals, places = (
+        [0.5767, 0.8957, 1.1196, 1.594, 1.7924, 2.1319],
+        [0, 0, 0.0953, 0.0882, -0.1801, -0.5821],
+    )
+    commands = [(0.6067, 0.534), (0.8987, 0.534), (1.1206, -1.353), (1.624, -1.027), (1.8224, -1.027)]
+    model, estimate = MotionModel(0.683, 1.0), OwnDelay(0.0, 3.0)
+    model.go_to(arrivals[0])
+    for number, (moment, speed) in enumerate(commands, start=1):
+        model.commanded(moment, Command(speed, 0.0))
+        model.go_to(arrivals[number])
+        estimate.add(arrivals[number], complex(places[number] - places[number - 1]), model)
+    assert estimate.judge(0.5 + 1.0 / 3.0) is None
+
+
+def test_of_quick_measurements_not_each_one_counts() -> None:
+    model, estimate = MotionModel(LONGEST, GAP), OwnDelay(0.0, 200.0)
+    counted = []
+    for number in range(200):
+        model.commanded(1.0 + 0.005 * number, Command(0.2, 0.0))
+        counted.append(estimate.add(1.0 + 0.005 * number, 0.001 + 0j, model))
+    assert counted.count(True) == 20
