@@ -45,7 +45,7 @@ def test_positions_back_are_those_of_the_path(intervals: list[float], seed: int)
 
 
 def delays_found(rate: float, delay: float, limit: float, seed: int, seconds: float = 30.0) -> list[float]:
-    """Verdicts on a robot whose speed changes at random, and whose positions are `delay` [s] old [s]."""
+    """Delays [s] found while a robot changes speed at random and its positions are `delay` [s] old."""
     random, model, estimate = Random(seed), MotionModel(LONGEST, 3.0 / rate), OwnDelay(0.0, rate)
     moment, last, path, found, due = 100.0, 0j, [(99.0, 0j), (100.0, 0j)], list[float](), 100.0
     model.go_to(moment)
