@@ -278,8 +278,8 @@ class MotionCheck:
         if travel is None:
             self._delay.interrupt()
             return
-        learned, doubt = self._delay.add(moment, travel.displacement, self.model), self.state.doubt
-        if learned and (doubt is None or doubt.kind is MotionFault.FROZEN):
+        counts, doubt = self._delay.add(moment, travel.displacement, self.model), self.state.doubt
+        if counts and (doubt is None or doubt.kind is MotionFault.FROZEN):
             delay = self._delay.judge(limit)
             if delay is not None:
                 self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)

@@ -258,8 +258,8 @@ class OwnDelay:
     def add(self, moment: float, moved: complex, model: MotionModel) -> bool:
         """Add a measurement at `moment` [s, monotonic], `moved` [m] from the one before.
 
-        Whether there is more to `judge` now: of measurements that come faster than `SPACING` not each one
-        counts. `model` has the commands until then.
+        Whether to `judge` now: of measurements that come faster than `SPACING` not each one counts. `model`
+        has the commands until then.
         """
         state = self.state
         before = state.seen[-1] if state.seen else (moment, 0j)

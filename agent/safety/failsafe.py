@@ -40,7 +40,7 @@ class Facts(NamedTuple):
     beat_silence: float
     """Since the leader's beat last rose [s]."""
     neighbours: Mapping[str, float]
-    """Silence of each neighbour [s]; infinite before the first message."""
+    """Silence of each neighbour [s], infinite before the first message; empty while any is followed."""
     followed: int
     """Number of neighbours that are followed, or would be."""
     follows: bool = True

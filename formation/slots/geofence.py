@@ -175,7 +175,7 @@ class Geofence:
         """How a robot is outside; None inside. If outside `before`: until it is well inside."""
         if self.area.contains(centre, RETURN_DEPTH if before else 0.0):
             return None
-        breach = self.area.breach(centre, "", 0.0 if not self.area.contains(centre) else RETURN_DEPTH)
+        breach = self.area.breach(centre, "", RETURN_DEPTH if self.area.contains(centre) else 0.0)
         return Reason.of(Code.OUTSIDE_BOUNDS, axis=breach.axis, value=breach.value, limit=breach.limit)
 
     def breach(self, placed_shapes: Iterable[PlacedShape], place: complex, clearance: float = 0.0) -> Breach:
