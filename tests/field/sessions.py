@@ -15,7 +15,6 @@ from formation.deploy.fleet import access, certificates
 from formation.mission.model import Mission
 from formation.transport.bus_config import DEFAULTS, BusConfig
 from formation.transport.session import settings_of
-from formation.transport.wiring import named
 from tests.support.namespaces import until
 
 
@@ -29,7 +28,7 @@ class Desk(NamedTuple):
         return self.folder / process / "zenoh.json5"
 
     def endpoint(self, name: str) -> str:
-        return named(self.mission)[name] or ""
+        return access.hosts(self.mission)[name].endpoint
 
 
 def prepared(mission: Mission, folder: Path) -> Desk:
