@@ -134,7 +134,7 @@ def two_ages(signs: Sequence[Sign]) -> tuple[float, float] | None:
 def _unreached(facts: Facts) -> bool:
     """Return whether, at the desk, the agent could not be dialled, which is reported elsewhere."""
     reached = facts.reached.get(facts.robot)
-    return reached is not None and reached.failed
+    return reached is not None and reached.outcome != "ok"
 
 
 def _leader(facts: Facts) -> Iterator[Finding]:
@@ -154,7 +154,7 @@ def _leader_seen(facts: Facts) -> str:
 
 def _network(facts: Facts) -> Iterator[Finding]:
     for name, reached in facts.reached.items():
-        if reached.failed:
+        if reached.outcome != "ok":
             yield _unreachable(facts, name, reached)
         elif reached.name and reached.name != name:
             yield Finding(
@@ -163,7 +163,7 @@ def _network(facts: Facts) -> Iterator[Finding]:
                 "addresses are mixed up: correct the endpoints in the mission",
             )
     for name in () if facts.leads else facts.mission.robots[facts.robot].neighbours:
-        reached_well = name not in facts.reached or not facts.reached[name].failed
+        reached_well = name not in facts.reached or facts.reached[name].outcome == "ok"
         if facts.newest_status and reached_well and (age := _silence(facts, name)) is not None:
             since = "has never been received" if age < 0 else f"has been silent for {age:.1f} s"
             yield Finding(
@@ -176,8 +176,7 @@ def _network(facts: Facts) -> Iterator[Finding]:
 def _network_seen(facts: Facts) -> str:
     reached = [name for name, one in facts.reached.items() if one.outcome == "ok"]
     if not reached:
-        undialled = [name for name, one in facts.reached.items() if one.outcome == "not dialled"]
-        return f"not dialled, neither tcp nor tls: {', '.join(undialled)}" if undialled else ""
+        return ""
     if not facts.on_robot:
         return f"answers at {facts.reached[reached[0]].endpoint}"
     return f"{', '.join(reached)} can be reached"

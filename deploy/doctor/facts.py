@@ -12,15 +12,7 @@ from formation.protocol.status import AgentStatus, LeaderStatus
 from formation.transport.wiring import role
 
 Outcome = Literal[
-    "ok",
-    "not dialled",
-    "refused",
-    "no route",
-    "no answer",
-    "unknown name",
-    "no TLS",
-    "untrusted",
-    "turned away",
+    "ok", "refused", "no route", "no answer", "unknown name", "no TLS", "untrusted", "turned away"
 ]
 
 
@@ -95,11 +87,6 @@ class Reached(NamedTuple):
     """The error of the system or of the other side."""
     name: str = ""
     """The common name in its certificate."""
-
-    @property
-    def failed(self) -> bool:
-        """Whether it was dialled in vain."""
-        return self.outcome not in {"ok", "not dialled"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -91,12 +91,12 @@ def context(papers: Papers, *, server: bool = False) -> ssl.SSLContext:
 
 
 def reach(endpoint: str, papers: Papers | None) -> Reached:
-    """Dial a TCP or TLS `endpoint`; without papers only connect to a TLS endpoint, without a handshake."""
+    """Dial `endpoint`; without papers only connect to a TLS endpoint, without a handshake."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
     host = host.strip("[]")
     if protocol not in {"tcp", "tls"}:
-        return Reached(endpoint, "not dialled")
+        return Reached(endpoint, "ok", f"{protocol} is not dialled")
     try:
         with socket.create_connection((host, int(port)), CONNECT_TIMEOUT_SECONDS) as plain:
             if protocol == "tcp" or papers is None:

@@ -22,13 +22,7 @@ from formation.transport.wiring import called, members, named, partners
 
 MONITOR, OPERATOR = VISITORS
 """Processes with a certificate outside the fleet. Both only dial and do not listen."""
-Protocol = Literal["tls", "quic"]
-PROTOCOLS: tuple[Protocol, ...] = ("tls", "quic")
-"""Both prove the sender. With QUIC, positions travel as datagrams: a lost one does not delay the next."""
-QUIC_LEASE_MS = 9000
-"""How long a silent peer stays linked [ms]. Not 10000: that is Zenoh's default, which ours replaces."""
-QUIC_OPEN_TIMEOUT_MS = 3000
-"""Duration after which a link that does not open is dialled again [ms]."""
+PROTOCOL = "tls"
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
 REQUESTED_ALL = ORDER.pattern.format(robot="*")
 """Key on which an operator asks all processes at once."""
@@ -48,7 +42,6 @@ NOTHING = {
 class Host(NamedTuple):
     """Host of a robot's agent, the leader or a standby."""
 
-    protocol: Protocol
     address: str
     """IP address or DNS name, without brackets."""
     port: int
@@ -65,8 +58,7 @@ class Host(NamedTuple):
     def endpoint(self) -> str:
         """The endpoint in Zenoh's notation."""
         bracketed = f"[{self.address}]" if ":" in self.address else self.address
-        datagrams = "?mixed_rel=1" if self.protocol == "quic" else ""
-        return f"{self.protocol}/{bracketed}:{self.port}{datagrams}"
+        return f"{PROTOCOL}/{bracketed}:{self.port}"
 
 
 def hosts(mission: Mission) -> Mapping[str, Host]:
@@ -81,7 +73,7 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
         raise Refusal(
             f"mission {mission.name}: {', '.join(missing)} without endpoint; in the field every robot (and"
             f" the leader, and each standby) needs one that the others can dial, such as"
-            f" endpoint = 'tls/192.168.1.12:7460' in [{table}.{missing[0]}]"
+            f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [{table}.{missing[0]}]"
         )
     for name in VISITORS:
         if name in mission.robots:
@@ -89,21 +81,16 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
                 f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
                 f" the certificate of the {name} says; call it otherwise"
             )
-    found = {name: _host(name, end) for name, end in ends.items()}
-    if len({host.protocol for host in found.values()}) > 1:
-        ways = ", ".join(f"{name} {host.protocol}" for name, host in found.items())
-        raise Refusal(f"mission {mission.name}: endpoints must be all tls or all quic, and are: {ways}")
-    return found
+    return {name: _host(name, end) for name, end in ends.items()}
 
 
 def _host(name: str, endpoint: str) -> Host:
-    begins, _, place = endpoint.partition("/")
+    protocol, _, place = endpoint.partition("/")
     address, _, port = place.rpartition(":")
+    host = Host(address.removeprefix("[").removesuffix("]"), int(port))
     where = f"endpoint {endpoint!r} of {name}"
-    protocol = next((one for one in PROTOCOLS if one == begins), None)
-    if protocol is None:
-        raise Refusal(f"{where}: must begin with 'tls/' or 'quic/', because only these prove the sender")
-    host = Host(protocol, address.removeprefix("[").removesuffix("]"), int(port))
+    if protocol != PROTOCOL:
+        raise Refusal(f"{where}: must begin with '{PROTOCOL}/', because only that proves the sender")
     if host.ip is not None and host.ip.is_unspecified:
         raise Refusal(f"{where}: must be the address that the others dial, not one that means all of them")
     if "%" in address or (host.ip is None and (":" in host.address or not host.address.isascii())):
@@ -170,20 +157,19 @@ def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str,
     # visitors dial all, of two others the one that is listed later dials
     dialled = members(mission) if process in VISITORS else called(mission, process)
     own = where.get(process)  # it listens at an address itself; for a name, on all interfaces
-    listened = [] if own is None else [own if own.ip is not None else own._replace(address="::")]
-    protocol = where[mission.leader].protocol
+    listened = [] if own is None else [own if own.ip is not None else Host("::", own.port)]
     return {
         "mode": "peer",
         **({"namespace": mission.team} if mission.team else {}),
         "listen": {"endpoints": [host.endpoint for host in listened]},
         "connect": {"endpoints": [where[other].endpoint for other in dialled]},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": _transport(protocol, folder),
-        "access_control": access_control(mission, process, protocol),
+        "transport": {"link": {"protocols": [PROTOCOL], "tls": _tls(folder)}},
+        "access_control": access_control(mission, process),
     }
 
 
-def access_control(mission: Mission, process: str, protocol: Protocol = "tls") -> dict[str, Any]:
+def access_control(mission: Mission, process: str) -> dict[str, Any]:
     """Return Zenoh's rules for one process: `words`, and nothing else."""
     rules: dict[str, dict[str, Any]] = {}
     policies: dict[str, list[str]] = {}
@@ -217,7 +203,7 @@ def access_control(mission: Mission, process: str, protocol: Protocol = "tls") -
         "default_permission": "deny",
         "rules": list(rules.values()),
         "subjects": [
-            {"id": peer, "cert_common_names": [peer], "link_protocols": [protocol]} for peer in policies
+            {"id": peer, "cert_common_names": [peer], "link_protocols": [PROTOCOL]} for peer in policies
         ],
         "policies": [{"subjects": [peer], "rules": names} for peer, names in policies.items()],
     }
@@ -241,15 +227,6 @@ def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
 def _publishers(mission: Mission, robot: str) -> tuple[str, ...]:
     """Return the publishers of a robot's position: its agent; for the leader, all candidates."""
     return mission.candidates if robot == mission.leader else (robot,)
-
-
-def _transport(protocol: Protocol, folder: PurePath) -> dict[str, Any]:
-    link: dict[str, Any] = {"protocols": [protocol], "tls": _tls(folder)}
-    if protocol == "tls":
-        return {"link": link}
-    # Where much is lost, so are keep-alives, for seconds, and messages that open a link.
-    link["tx"] = {"lease": QUIC_LEASE_MS}
-    return {"link": link, "unicast": {"open_timeout": QUIC_OPEN_TIMEOUT_MS}}
 
 
 def _tls(folder: PurePath) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.field.team import VICTIM, Band, Team, longest_gap
+from tests.field.team import VICTIM, Band, Team, longest_gap, mission
 from tests.support.namespaces import until
 
 BEFORE = 2.0
@@ -26,7 +26,7 @@ def link(team: Team, name: str, victim: str = VICTIM, identity: Path | None = No
         "identity": str(identity or folder),
         "trusted": str(folder / "ca.pem"),
         "victims": [team.desk.endpoint(victim)],
-        "team": team.desk.mission.team,
+        "team": mission().team,
     }
 
 
@@ -62,17 +62,3 @@ def rises(team: Team, kind: str, before: dict[str, int], by: int = 1) -> None:
         lambda: team.refused().get(kind, 0) - before.get(kind, 0) >= by,
         what=f"{by} times {kind!r}; there is {team.refused()}",
     )
-
-
-def held_by_an_expired_certificate(team: Team) -> None:
-    """The victim holds, and says why, once the leader's certificate expires."""
-    kind = "certificate: expired during the link"
-    until(lambda: kind in team.refused(), 60.0, f"{kind!r} in the status")
-    until(lambda: team.status()["state"] == "hold", what="the victim holds")
-    again = f"dialling {team.desk.endpoint('leader')}: certificate: expired"
-    until(lambda: again in team.refused(), what=f"{again!r} in the status")
-    held = time.monotonic()
-    until(lambda: len(team.commands(since=held)) > 20, what="commands while it holds")
-    after = team.commands(since=held)
-    assert {(command.speed, command.turn_rate) for command in after} == {(0.0, 0.0)}
-    assert team.status()["state"] == "hold"

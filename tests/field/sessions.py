@@ -15,6 +15,7 @@ from formation.deploy.fleet import access, certificates
 from formation.mission.model import Mission
 from formation.transport.bus_config import DEFAULTS, BusConfig
 from formation.transport.session import settings_of
+from formation.transport.wiring import named
 from tests.support.namespaces import until
 
 
@@ -28,7 +29,7 @@ class Desk(NamedTuple):
         return self.folder / process / "zenoh.json5"
 
     def endpoint(self, name: str) -> str:
-        return access.hosts(self.mission)[name].endpoint
+        return named(self.mission)[name] or ""
 
 
 def prepared(mission: Mission, folder: Path) -> Desk:

@@ -18,7 +18,6 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from formation.deploy.fleet import authority, certificates
-from formation.deploy.fleet.access import Protocol, hosts
 from formation.mission.file import parse
 from formation.mission.model import Mission
 from tests.field.sessions import Desk, prepared
@@ -206,23 +205,17 @@ def longest_gap(commands: list[Command]) -> float:
     return max(later.at - earlier.at for earlier, later in pairwise(commands))
 
 
-def text(protocol: Protocol) -> str:
-    return TEXT.replace("tls/", f"{protocol}/")
-
-
-def mission(protocol: Protocol = "tls") -> Mission:
-    return parse(text(protocol), "attacked.toml")
+def mission() -> Mission:
+    return parse(TEXT, "attacked.toml")
 
 
 @contextmanager
-def driving(
-    folder: Path, expires: Mapping[str, float] | None = None, protocol: Protocol = "tls"
-) -> Iterator[Team]:
+def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterator[Team]:
     """A team that drives, settled; or merely runs, where certificates expire so many seconds from now."""
     source = folder / "attacked.toml"
-    source.write_text(text(protocol), encoding="utf-8")
+    source.write_text(TEXT, encoding="utf-8")
     with Field() as field:
-        team = Team(field, prepared(mission(protocol), folder / "secrets"), source)
+        team = Team(field, prepared(mission(), folder / "secrets"), source)
         for name, seconds in (expires or {}).items():
             issued(team.desk, team.desk.folder / name, name, seconds=seconds)
         team.start()
@@ -237,10 +230,11 @@ def issued(
     desk: Desk, folder: Path, name: str, *, begins: timedelta = timedelta(), seconds: float = 3600.0
 ) -> Path:
     """Put a certificate of the team's authority into `folder`: good from some time on, for so long."""
+    address = mission().robots[name].endpoint or ""
     pair = authority.issue(
         certificates.read_authority(desk.folder),
         name,
-        hosts(desk.mission)[name].address,
+        address.removeprefix("tls/").partition(":")[0],
         seconds / 86400.0,
         datetime.now(UTC) + begins,
     )

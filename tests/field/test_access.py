@@ -1,4 +1,4 @@
-"""Who may say what to whom: as a table, and as Zenoh's rules and links."""
+"""Who may say what to whom: as a table, as Zenoh's rules, and between real sessions."""
 
 from __future__ import annotations
 
@@ -17,11 +17,8 @@ from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
 from formation.mission.model import Mission
 from formation.topics import BALLOT, ORDER, POSITION, ROUTE, STATUS, TABLE
-from formation.transport.bus_config import BusConfig
-from formation.transport.session import settings_of
 from formation.transport.wiring import members, partners
 from tests.field.missions import in_the_field, on_a_wireless_network
-from tests.field.sessions import prepared
 from tests.unit.formation import scenarios
 
 MISSIONS = {
@@ -257,23 +254,6 @@ def test_a_host_with_a_name_listens_on_all_its_addresses() -> None:
     mission = in_the_field("turtlebot3_pair", lambda i: f"tls/robot{i}.local:7460")
     assert configured(mission, "robot1")["listen"]["endpoints"] == ["tls/[::]:7460"]
     assert configured(mission, "robot1")["connect"]["endpoints"] == ["tls/robot0.local:7460"]
-
-
-def test_quic_links_carry_datagrams_and_outlive_lost_keep_alives() -> None:
-    mission = in_the_field("turtlebot3_pair", lambda i: f"quic/192.168.1.{i + 1}:7460")
-    settings = configured(mission, "robot1")
-    assert settings["listen"]["endpoints"] == ["quic/192.168.1.2:7460?mixed_rel=1"]
-    assert settings["connect"]["endpoints"] == ["quic/192.168.1.1:7460?mixed_rel=1"]
-    assert settings["transport"]["link"]["protocols"] == ["quic"]
-    assert {one["link_protocols"][0] for one in settings["access_control"]["subjects"]} == {"quic"}
-
-
-def test_lease_of_quic_links_is_not_replaced_by_the_default(tmp_path: Path) -> None:
-    mission = in_the_field("turtlebot3_pair", lambda i: f"quic/192.168.1.{i + 1}:7460")
-    file = prepared(mission, tmp_path / "secrets").file("robot1")
-    settings = settings_of(BusConfig(config_file=file))
-    assert settings.get_json("transport/link/tx/lease") == "9000"
-    assert settings.get_json("transport/unicast/open_timeout") == "3000"
 
 
 def test_a_process_that_the_mission_has_not_is_refused() -> None:

@@ -21,14 +21,10 @@ from tests.support.namespaces import PATIENCE, until
 pytestmark = pytest.mark.processes
 
 
-@pytest.fixture(
-    params=[("tls", None), ("tls", "reds"), ("quic", "reds")],
-    ids=["tls without team", "tls with team", "quic with team"],
-)
+@pytest.fixture(params=[None, "reds"], ids=["without team", "with team"])
 def sessions(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Sessions]:
-    protocol, team = request.param
     port = free_endpoint().rpartition(":")[2]
-    mission = in_the_field("six_robots", lambda i: f"{protocol}/127.0.0.{i + 1}:{port}", team=team)
+    mission = in_the_field("six_robots", lambda i: f"tls/127.0.0.{i + 1}:{port}", team=request.param)
     with ExitStack() as stack:
         yield Sessions(prepared(mission, tmp_path / "secrets"), stack)
 

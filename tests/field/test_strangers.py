@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.fleet import access, certificates
-from tests.field.assault import LASTS, attack, held_by_an_expired_certificate, link, rises, without_effect
+from tests.field.assault import LASTS, attack, link, rises, without_effect
 from tests.field.team import VICTIM, Team, driving, issued, mission
 from tests.support.namespaces import until
 
@@ -100,4 +100,13 @@ def test_unfinished_handshakes_disturb_no_robot(team: Team) -> None:
 
 def test_certificate_expiring_during_link_holds_robot(tmp_path: Path) -> None:
     with driving(tmp_path, expires={"leader": 25.0}) as team:
-        held_by_an_expired_certificate(team)
+        kind = "certificate: expired during the link"
+        until(lambda: kind in team.refused(), 60.0, f"{kind!r} in the status")
+        until(lambda: team.status()["state"] == "hold", what="the victim holds")
+        again = f"dialling {team.desk.endpoint('leader')}: certificate: expired"
+        until(lambda: again in team.refused(), what=f"{again!r} in the status")
+        held = time.monotonic()
+        until(lambda: len(team.commands(since=held)) > 20, what="commands while it holds")
+        after = team.commands(since=held)
+        assert {(command.speed, command.turn_rate) for command in after} == {(0.0, 0.0)}
+        assert team.status()["state"] == "hold"

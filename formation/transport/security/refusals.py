@@ -33,7 +33,7 @@ from typing import Self
 
 FILTER = (
     "zenoh::net::routing::interceptor=trace,zenoh::net::runtime::orchestrator=debug,"
-    "zenoh_link_tls=warn,zenoh_link_quic=warn,zenoh_link_commons=warn,zenoh_transport=warn"
+    "zenoh_link_tls=warn,zenoh_link_commons=warn,zenoh_transport=warn"
 )
 """``RUST_LOG`` with which Zenoh logs its refusals."""
 MAX_KINDS = 64
@@ -73,7 +73,7 @@ _LINKS = (
     ("handshake", "handshake failed"),
 )
 """Zenoh's messages about a refused link, and our names for them; the first match counts."""
-_LINK_MODULES = ("zenoh_link_tls", "zenoh_link_quic", "zenoh_link_commons::tls", "zenoh_link_commons::quic")
+_LINK_MODULES = ("zenoh_link_tls", "zenoh_link_commons::tls")
 _NOBODY_THERE = re.compile(rb"runtime::orchestrator: Unable to connect to (any of|tcp/|tls/|quic/|udp/)")
 """Logged twice a second while a router is missing, which the dialling process reports itself, once."""
 _DIALLED = re.compile(r"Unable to connect to configured peer (?P<endpoint>\S+)! .*?invalid peer certificate")

@@ -21,7 +21,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,17 +32,12 @@ from formation.transport.wiring import Links
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.missions import FLEET, placed
 from tests.campaigns.reliability.seen import Seen
-from tests.field.sessions import prepared
 from tests.support.namespaces import ASIDE, Computer, Field, Running, until
 
 Words = Sequence[str | Path]
-LinkedBy = Literal["tcp", "udp", "quic"]
-"""Links between computers: TCP alone, TCP with UDP beside it, or QUIC with the configuration of a bundle."""
 PATIENT = ("--cfg", "transport/unicast/max_links:2", "--cfg", "transport/link/tx/lease:10000")
 """Two links with the same peer, and none given up before it has been silent for 10 s."""
 ANYWHERE = f"0.0.0.0:{FLEET}"
-DATAGRAMS = "?mixed_rel=1"
-"""Ends a QUIC endpoint on whose links positions travel as datagrams."""
 
 
 def beside(endpoint: str) -> str:
@@ -68,19 +63,18 @@ class Fleet:
         folder: Path,
         changes: Mapping[str, Any] | None = None,
         *,
-        linked_by: LinkedBy = "tcp",
+        lossy: bool = False,
         without: Sequence[str] = (),
     ) -> None:
         """`source` is a mission's name or its text, `changes` replace some keys; files go to `folder`.
 
-        Linked by QUIC, all have the configuration and the certificates that a bundle contains.
-        `without` names kinds of processes that this fleet lacks, such as ``watchdog``.
+        Where links are `lossy`, each has one by UDP beside it, for what may be lost;
+        `without` names kinds of processes that this fleet does not have, such as ``watchdog``.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self._linked_by = folder, linked_by
+        self.folder, self._lossy = folder, lossy
         text = source if "\n" in source else read(source)[0]
-        self.path, self.mission = placed(text, folder, changes, "quic" if linked_by == "quic" else "tcp")
-        self._desk = prepared(self.mission, folder / "secrets") if linked_by == "quic" else None
+        self.path, self.mission = placed(text, folder, changes)
         self._without = frozenset(without)
         self.followers = self.mission.followers
         self.field = Field(aside=True)
@@ -115,11 +109,9 @@ class Fleet:
         for name in sorted(self.names, key=lambda name: not name.startswith("robot")):
             self.start(name)
         file = self.folder / "seen.jsonl"
-        protocol, rest = ("tcp", "") if self._desk is None else ("quic", DATAGRAMS)
-        fleet = [f"{protocol}/{self._aside(name)}:{FLEET}{rest}" for name in self.mission.candidates]
+        fleet = [f"tcp/{self._aside(name)}:{FLEET}" for name in self.mission.candidates]
         robots = {name: f"tcp/{self._aside(name)}:7447" for name in self.followers}
-        words: list[str | Path] = [json.dumps(fleet), json.dumps(robots)]
-        words += [] if self._desk is None else [self._desk.file("monitor")]
+        words = (json.dumps(fleet), json.dumps(robots))
         look = self.field.computers[WITNESS].start(
             *module("tests.campaigns.reliability.witness"), self.path, file, *words
         )
@@ -138,15 +130,14 @@ class Fleet:
         match part:
             case "monitor":
                 own = ("--record", self.recording, "--no-page", "--no-stage", "--snapshots")
-                links = self._linked("monitor", wiring.of_monitor(where))
+                links = self._linked(Links((), tuple(where.agents.values())))
                 return (*module("formation.monitor"), self.path, *own, *links)
             case "robot":
                 clocked = self._clocked(name, "driver.clock", "formation.agent.simulated")
                 return (*clocked, *own, "-l", "tcp/0.0.0.0:7447")
             case "watchdog":
                 return (*self._clocked(name, "clock", "formation.agent.watchdog"), *own)
-        member = name or self.mission.leader
-        links = self._linked(member, wiring.of_member(self.mission, member, where))
+        links = self._linked(wiring.of_member(self.mission, name or self.mission.leader, where))
         if part == "agent":
             state = ("--state", self.folder / "state" / name)
             return (*self._clocked(name, "clock", "formation.agent"), *own, *state, *links)
@@ -157,15 +148,12 @@ class Fleet:
         clocked = module("tests.campaigns.reliability.clocked")
         return (*clocked, self.folder / f"{robot}.{clock}", runs, self.path)
 
-    def _linked(self, process: str, links: Links) -> Words:
-        if self._desk is not None:
-            listens: Words = ("-l", f"quic/{ANYWHERE}{DATAGRAMS}") if links.listen else ()
-            return ("-c", self._desk.file(process), *listens)
+    def _linked(self, links: Links) -> list[str]:
         words: list[str] = []
-        for place in (str, beside) if self._linked_by == "udp" else (str,):
+        for place in (str, beside) if self._lossy else (str,):
             words += ["-l", place(f"tcp/{ANYWHERE}")] if links.listen else []
             words += [word for end in links.connect for word in ("-e", place(end))]
-        return [*words, *PATIENT] if self._linked_by == "udp" else words
+        return [*words, *PATIENT] if self._lossy else words
 
     def computer(self, process: str) -> Computer:
         owner = {"leader": self.mission.leader, "monitor": DESK}.get(process, process.rpartition(" ")[2])
@@ -190,8 +178,7 @@ class Fleet:
 
     def order(self, *words: str) -> tuple[int, dict[str, Any]]:
         """`formation order` at the desk: its exit code and its report."""
-        own: Words = ("--json", "--timeout", "3")
-        own = own if self._desk is None else (*own, "-c", self._desk.file("operator"))
+        own = ("--json", "--timeout", "3")
         command: Words = (*module("formation.deploy"), "order", self.path, *words, *own)
         try:
             done = self.field.computers[DESK].run(*command, timeout=33.0)

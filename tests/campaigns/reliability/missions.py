@@ -19,9 +19,7 @@ STRAIGHT = {"route": [{"speed": 0.2, "heading_deg": 0.0}]}
 """Changes a mission: its leader goes on like this for ever, so that no bend has a part in what errors do."""
 
 
-def placed(
-    text: str, folder: Path, changes: Mapping[str, Any] | None = None, protocol: str = "tcp"
-) -> tuple[Path, Mission]:
+def placed(text: str, folder: Path, changes: Mapping[str, Any] | None = None) -> tuple[Path, Mission]:
     """The mission `text` as a file in `folder`, its members on 10.77.0.1, .2, … in their order.
 
     `changes` replace top-level keys; None takes one away.
@@ -34,7 +32,7 @@ def placed(
     members = [(table, name) for table in (data["robots"], data.get("standbys", {})) for name in table]
     for number, (table, name) in enumerate(members, 1):
         table[name] = {key: value for key, value in table[name].items() if key != "robot_endpoint"}
-        table[name] |= {"endpoint": f"{protocol}/{NETWORK}.{number}:{FLEET}"}
+        table[name] |= {"endpoint": f"tcp/{NETWORK}.{number}:{FLEET}"}
     data["robot"] = {**data.get("robot", {}), "robot_endpoint": ROBOT}
     path = folder / "mission.toml"
     path.write_text(tomlkit.dumps(data), encoding="utf-8")

@@ -47,7 +47,7 @@ NAMES = ("soak",)
 def run(options: Options) -> Found:
     with (
         TemporaryDirectory(prefix="reliability-") as folder,
-        Fleet(crowd(ROBOTS, STANDBYS), Path(folder), linked_by="udp") as fleet,
+        Fleet(crowd(ROBOTS, STANDBYS), Path(folder), lossy=True) as fleet,
     ):
         fleet.lose(LOSS)
         fleet.begin()

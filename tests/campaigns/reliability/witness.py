@@ -1,9 +1,8 @@
 """Looks on from outside every process that is judged, and writes what it sees as JSON lines.
 
-``python -m tests.campaigns.reliability.witness MISSION FILE FLEET ROBOTS [CONFIG]``: every command that
-reaches a robot's wheels, where each robot really is, and every position that anybody says as the leader.
-FLEET and ROBOTS are endpoints in JSON, of candidates and by robot; CONFIG is the monitor's Zenoh
-configuration, where links need certificates. Of these lines the judge makes its verdicts
+``python -m tests.campaigns.reliability.witness MISSION FILE FLEET ROBOTS``: every command that reaches a
+robot's wheels, where each robot really is, and every position that anybody says as the leader. FLEET and
+ROBOTS map names to endpoints, in JSON. Of these lines the judge makes its verdicts
 (`tests.campaigns.reliability.seen`):
 
     ["command", at, robot, speed, turn rate]                             [s, monotonic; m/s; rad/s]
@@ -18,7 +17,6 @@ import json
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 from formation.mission.file import load
@@ -62,16 +60,10 @@ class Eyes:
         return ["truth", at, self._truths[sample.key], x, y, cmath.phase(pose.heading)]
 
 
-def main(source: str, file: str, fleet: str, robots: str, config: str | None = None) -> None:
+def main(source: str, file: str, fleet: str, robots: str) -> None:
     mission, box = load(source), Mailbox(1 << 16)
     eyes, stage = Eyes(mission), json.loads(robots)
-    links = BusConfig(
-        connect=tuple(json.loads(fleet)),
-        namespace=mission.team or "",
-        config_file=None if config is None else Path(config),
-        overrides=() if config is None else (("transport/link/tls/verify_name_on_connect", "false"),),
-        name="witness",
-    )
+    links = BusConfig(connect=tuple(json.loads(fleet)), namespace=mission.team or "", name="witness")
     with (
         open(file, "w", encoding="utf-8") as out,  # noqa: PTH123 - it is appended to for an hour
         Bus(links, box) as bus,

@@ -176,7 +176,6 @@ def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) ->
         assert reach(f"tls/{where}", mine).outcome == "no TLS"
     assert reach(free_endpoint(), None).outcome == "refused"
     assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
-    assert reach("quic/127.0.0.1:7460", mine).outcome == "not dialled"
 
 
 @pytest.mark.usefixtures("turned_away_late")

@@ -186,15 +186,6 @@ def test_unreachable_agent_is_not_also_called_silent() -> None:
     assert list(found(reported)) == ["route-lost"]
 
 
-def test_quic_endpoints_are_neither_reached_nor_unreachable() -> None:
-    undialled = replace(HEALTHY, reached={"robot2": Reached("quic/h:1", "not dialled")})
-    assert found(undialled) == {}
-    seen = {checked.title: checked.seen for checked in examine(EXAMINATIONS, undialled)}
-    assert seen["network"] == "not dialled, neither tcp nor tls: robot2"
-    silent = replace(undialled, status=Stream(), newest_status=None)
-    assert "agent-silent" in found(silent)
-
-
 PATROL = load("patrol")
 OWN = LeaderStatus(
     robot="deputy",
