@@ -43,8 +43,13 @@ MAX_KIND_CHARS = 100
 """Greatest length of a kind [characters]."""
 PIPE_BYTES = 1 << 20
 """Size of the pipe for the log [bytes]; the system may give less."""
-READ_PERIOD = 0.1
-"""Period of reading the log [s]."""
+PIECE_BYTES, MAX_PIECES = 1 << 16, 256
+"""Most that is read from the pipe at once [bytes], and that waits in memory to be parsed."""
+READ_PERIOD, BURST_READ_PERIOD = 0.1, 0.005
+"""Period of reading the log [s]: usually, and for `BURST_TIME` after the start or a burst."""
+BURST_BYTES, BURST_TIME = 1 << 15, 5.0
+"""So much read at once is a burst [bytes]: for each new link Zenoh logs what every key may do, megabytes with
+many peers. What the pipe cannot take, Zenoh reports on stderr, with two lines for each that is lost."""
 MAX_WARNINGS, WARNING_WINDOW_TIME = 20, 10.0
 """Most of Zenoh's other warnings that are passed on, per time [s]; the rest is only counted."""
 
@@ -168,8 +173,10 @@ class Refusals:
         self._parser = Parser(namespace)
         self._reading = reading
         self._lock = threading.Lock()
+        self._pieces: deque[bytes] = deque()  # read, not parsed yet
         self._unlogged: deque[str] = deque()
         self._logged, self._held, self._since = 0, 0, time.monotonic()
+        self._burst = self._since  # time of the last burst [s, monotonic]
         threading.Thread(target=self._listen, name="refusals", daemon=True).start()
         atexit.register(self._log_lines)
 
@@ -198,22 +205,36 @@ class Refusals:
             with self._lock:
                 more = self._read()
             self._log_lines()
-            time.sleep(READ_PERIOD)
+            quiet = time.monotonic() - self._burst > BURST_TIME
+            time.sleep(READ_PERIOD if quiet else BURST_READ_PERIOD)
 
     def _read(self) -> bool:
-        """Read what is available; whether more may follow. Logs nothing, because logging may take long."""
+        """Parse what is available; whether more may follow. Logs nothing, because logging may take long."""
         for _ in range(64):  # then other threads may run
-            try:
-                piece = os.read(self._reading, 1 << 16)
-            except BlockingIOError:
-                return True
-            if not piece:
-                return False
-            for line in self._parser.feed(piece):
+            is_open = self._empty_pipe()
+            if not self._pieces:
+                return is_open
+            for line in self._parser.feed(self._pieces.popleft()):
                 if len(self._unlogged) < MAX_WARNINGS:
                     self._unlogged.append(line)
                 else:
                     self._held += 1
+        return True
+
+    def _empty_pipe(self) -> bool:
+        """Move the log from the pipe to memory, quicker than it is parsed; whether the pipe is open."""
+        size = 0
+        while len(self._pieces) < MAX_PIECES:
+            try:
+                piece = os.read(self._reading, PIECE_BYTES)
+            except BlockingIOError:
+                break
+            if not piece:
+                return False
+            self._pieces.append(piece)
+            size += len(piece)
+        if size >= BURST_BYTES:
+            self._burst = time.monotonic()
         return True
 
     def _log_lines(self) -> None:

@@ -49,6 +49,24 @@ say('counts', **refusals.counts)
     assert [line for line in done.stderr.splitlines() if line.endswith("odd")]
 
 
+def test_burst_larger_than_the_pipe_is_counted_whole() -> None:
+    """Zenoh drops what finds the pipe full; here the writer waits, so all of it passes through."""
+    done = run(
+        f"""
+import time
+refusals = Refusals.listen(lambda: None)
+os.set_blocking(1, True)
+burst = {(decided("Put (ingress)", "a") + chr(10) + intercepted() + chr(10)).encode()!r} * 5000
+assert len(burst) > 1 << 20
+os.write(1, burst)
+while refusals.counts.total() < 5000:
+    time.sleep(0.01)
+say('counts', **refusals.counts)
+"""
+    )
+    assert json.loads(done.stdout.splitlines()[-1]) == {"event": "counts", "put a by robot2": 5000}
+
+
 def test_unread_log_neither_blocks_nor_grows() -> None:
     done = run(
         """
