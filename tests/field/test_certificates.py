@@ -59,9 +59,9 @@ def test_every_process_certificate_has_its_name_and_address(secrets: Path) -> No
 
 
 def test_a_host_may_have_a_name_instead_of_an_address(tmp_path: Path) -> None:
-    mission = listening(PAIR, {"robot1": "tls/robot1.local:7460", "robot2": "tls/[fe80::12]:7460"})
+    mission = listening(PAIR, {"robot1": "tls/robot1.local:7460", "robot2": "tls/10.77.0.12:7460"})
     folder = made(tmp_path / "secrets", mission)
-    for robot, place in (("robot1", "robot1.local"), ("robot2", "fe80::12")):
+    for robot, place in (("robot1", "robot1.local"), ("robot2", "10.77.0.12")):
         assert list(authority.addresses(certificates.read(folder, robot, NOW).certificate)) == [place]
 
 
@@ -181,7 +181,9 @@ def test_certificates_that_would_not_work_are_refused_with_the_reason(secrets: P
         ({"leader": None, "robot2": None}, "leader, robot2 without endpoint; in the field every robot"),
         ({"robot1": "tcp/192.168.1.11:7460"}, "of robot1: must begin with 'tls/'"),
         ({"robot1": "tls/0.0.0.0:7460"}, "must be the address that the others dial"),
-        ({"robot1": "tls/[fe80::1%wlan0]:7460"}, "must be an address without zone"),
+        ({"robot1": "tls/[fe80::1%wlan0]:7460"}, "must be an IPv4 address or a name: Zenoh"),
+        ({"robot1": "tls/[fd00::12]:7460"}, "must be an IPv4 address or a name: Zenoh"),
+        ({"robot1": "tls/röbot1.local:7460"}, "must be an IPv4 address or a name in ASCII"),
     ],
 )
 def test_mission_unfit_for_field_is_refused(
