@@ -234,7 +234,7 @@ def configured(mission: Mission, process: str) -> dict[str, Any]:
     return access.configuration(mission, process, PurePath("/opt/formation/current/certificates"))
 
 
-def test_the_file_is_zenohs_and_says_what_it_is_for() -> None:
+def test_configuration_file_parses_and_names_the_mission() -> None:
     mission = MISSIONS["turtlebot3_pair-reds"]
     text = access.text(mission, "robot1", configured(mission, "robot1"))
     comment = [line for line in text.splitlines() if line.startswith("//")]
@@ -256,6 +256,6 @@ def test_a_host_with_a_name_listens_on_all_its_addresses() -> None:
     assert configured(mission, "robot1")["connect"]["endpoints"] == ["tls/robot0.local:7460"]
 
 
-def test_a_process_that_the_mission_has_not_is_refused() -> None:
+def test_unknown_process_is_refused() -> None:
     with pytest.raises(Refusal, match="'robot9': must be one of leader, robot1, robot2, monitor, operator"):
         access.configuration(MISSIONS["turtlebot3_pair"], "robot9", Path("/tmp"))  # noqa: S108 - only a name

@@ -24,7 +24,7 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
         yield team
 
 
-def test_the_team_is_at_peace_without_an_attack(team: Team) -> None:
+def test_nothing_is_refused_without_an_attack(team: Team) -> None:
     with without_effect(team):
         time.sleep(LASTS)
     assert team.refused() == {}
@@ -56,7 +56,7 @@ def receives(monitor: Running) -> bool:
 
 
 @pytest.mark.parametrize("key", ["leader/position", "robot1/position", "robot2/position"])
-def test_a_valid_certificate_does_not_speak_for_another_robot(team: Team, key: str) -> None:
+def test_robot_cannot_publish_as_another_robot(team: Team, key: str) -> None:
     before = team.refused()
     with without_effect(team):
         sent = attack(team, "put", link=link(team, "robot3"), keys=[key], seconds=LASTS)
@@ -65,7 +65,7 @@ def test_a_valid_certificate_does_not_speak_for_another_robot(team: Team, key: s
     assert team.refused()[f"put {key} by robot3"] - before.get(f"put {key} by robot3", 0) == sent
 
 
-def test_a_neighbours_certificate_does_not_speak_for_the_leader(team: Team) -> None:
+def test_neighbour_cannot_publish_as_the_leader(team: Team) -> None:
     before = team.refused()
     with without_effect(team):
         sent = attack(team, "put", link=link(team, "robot1"), keys=["leader/position"], seconds=LASTS)
@@ -73,7 +73,7 @@ def test_a_neighbours_certificate_does_not_speak_for_the_leader(team: Team) -> N
 
 
 @pytest.mark.parametrize("who", ["robot1", "robot3", "monitor", "operator"])
-def test_wildcards_reach_nothing(team: Team, who: str) -> None:
+def test_wildcard_messages_are_refused(team: Team, who: str) -> None:
     before = team.refused()
     keys = ["*/position", "robot1/*", "**", "leader/**"]
     with without_effect(team):
@@ -83,7 +83,7 @@ def test_wildcards_reach_nothing(team: Team, who: str) -> None:
 
 
 @pytest.mark.parametrize("who", ["robot1", "robot3", "monitor"])
-def test_only_an_operator_gives_orders(team: Team, who: str) -> None:
+def test_orders_by_others_than_operators_are_refused(team: Team, who: str) -> None:
     before = team.refused()
     keys = ["robot2/order", "*/order"]
     with without_effect(team):
@@ -92,7 +92,7 @@ def test_only_an_operator_gives_orders(team: Team, who: str) -> None:
             rises(team, f"query {key} by {who}", before)
 
 
-def test_what_a_robot_is_linked_with_is_not_told_to_strangers(team: Team) -> None:
+def test_strangers_cannot_read_the_admin_space(team: Team) -> None:
     """Zenoh's admin space, which says who is linked with whom and listens to what."""
     before = team.refused()
     keys = ["@/*/peer", "@/*/peer/**"]
@@ -102,7 +102,7 @@ def test_what_a_robot_is_linked_with_is_not_told_to_strangers(team: Team) -> Non
             rises(team, f"query {key} by robot3", before)
 
 
-def test_tokens_that_are_forged_are_not_taken(team: Team) -> None:
+def test_forged_tokens_are_refused(team: Team) -> None:
     before = team.refused()
     keys = ["robot1/alive", "leader/position"]
     with without_effect(team):
@@ -111,7 +111,7 @@ def test_tokens_that_are_forged_are_not_taken(team: Team) -> None:
             rises(team, f"liveliness token {key} by robot3", before)
 
 
-def test_what_was_said_before_is_not_believed_again(team: Team) -> None:
+def test_replayed_messages_are_dropped(team: Team) -> None:
     """With the robot's own key: the tape of a neighbour, played back from elsewhere."""
     key = POSITION.key("robot1")
     result = attack(team, "listen", link=link(team, "monitor", "robot1"), key=key, number=40)
@@ -124,7 +124,7 @@ def test_what_was_said_before_is_not_believed_again(team: Team) -> None:
     assert "repeated" in team.dropped()[key][1]
 
 
-def test_a_second_agent_for_the_same_robot_has_no_say(team: Team) -> None:
+def test_second_agent_of_a_robot_is_ignored(team: Team) -> None:
     """With the robot's own key, on another host, beside a robot of its own: the first one's word counts."""
     key = POSITION.key("robot1")
     dropped = team.dropped().get(key, (0, ""))[0]
@@ -177,7 +177,7 @@ def test_stolen_key_of_absent_robot_impersonates_it(team: Team) -> None:
     )
 
 
-def test_all_of_it_stands_in_the_summary_at_the_end(team: Team) -> None:
+def test_summary_contains_refusals_and_drops(team: Team) -> None:
     kind = "put leader/position by robot3"
     before = team.refused()
     sent = attack(team, "put", link=link(team, "robot3"), keys=["leader/position"], seconds=0.5)

@@ -99,7 +99,7 @@ def test_desk_bundle_has_monitor_operator_and_leader(make: Make, tmp_path: Path)
     assert x509.load_pem_x509_certificate(pem).subject.rfc4514_string() == "CN=leader"
 
 
-def test_the_sample_of_a_firewall_knows_the_robots_port(make: Make, tmp_path: Path) -> None:
+def test_firewall_sample_has_the_robots_port(make: Make, tmp_path: Path) -> None:
     make(TEXT.replace("10.77.0.2:7460", "10.77.0.2:7470"))
     ports = {name: (tmp_path / "out" / name / "samples" / "firewall.nft").read_text() for name in ROBOTS}
     assert "tcp dport 7470 " in ports["robot1"]

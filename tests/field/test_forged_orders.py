@@ -151,7 +151,7 @@ def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
     time.sleep(0.2)  # the next publisher may speak for robot1
 
 
-def test_orders_that_were_true_change_nothing(held: Held) -> None:
+def test_recorded_orders_change_nothing(held: Held) -> None:
     """With right signatures; the leader has said hold since."""
     team, start, publisher_id = held.team, time.monotonic(), secrets.token_hex(8)
     attachments = []
@@ -176,7 +176,7 @@ def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
     assert held.team.states(since=start) == {"hold"}
 
 
-def test_the_leader_raises_the_alarm(held: Held) -> None:
+def test_leader_reports_forgeries(held: Held) -> None:
     """It is linked with robot1 as well."""
     fields = {"order": json.loads(changed(held)["signed"])}
     decoded = PositionAttachment.model_validate(

@@ -32,7 +32,7 @@ def strange(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def test_an_authority_that_only_has_our_name_is_none(team: Team, tmp_path: Path) -> None:
+def test_certificate_of_a_foreign_authority_is_refused(team: Team, tmp_path: Path) -> None:
     before = team.refused()
     how = link(team, "robot1", identity=strange(tmp_path / "rogue", "robot1"))
     with without_effect(team):
@@ -44,7 +44,7 @@ def test_an_authority_that_only_has_our_name_is_none(team: Team, tmp_path: Path)
     ("begins", "kind"),
     [(-timedelta(days=1), "certificate: expired"), (timedelta(days=1), "certificate: not valid yet")],
 )
-def test_a_certificate_is_good_in_its_time_only(
+def test_certificate_outside_its_validity_is_refused(
     team: Team, tmp_path: Path, begins: timedelta, kind: str
 ) -> None:
     before = team.refused()
@@ -65,7 +65,7 @@ def test_unauthenticated_peer_is_ignored(team: Team) -> None:
         rises(team, "not TLS", before, by=6)
 
 
-def test_the_robots_own_side_is_not_there_for_others(team: Team) -> None:
+def test_robot_side_is_reachable_on_loopback_only(team: Team) -> None:
     """Its ROS 2 router has neither certificates nor rules, but listens on loopback only."""
     reach = f"import socket; socket.create_connection(('{team.computers[VICTIM].address}', 7447), 2.0)"
     done = team.attacker.run(sys.executable, "-c", reach)

@@ -44,7 +44,7 @@ def test_refused_put_is_counted_by_key_and_certificate() -> None:
     assert reported == ["refused: put robot3/position by robot2"]
 
 
-def test_what_zenoh_only_remembers_for_later_is_no_refusal() -> None:
+def test_cached_decisions_are_not_counted() -> None:
     caching = [decided(f"{what} (ingress)", "robot2/position") for what in ("Query", "Reply", "Delete")]
     allowed = decided("Put (ingress)", "robot2/position", un="")
     assert read(*caching, allowed, remembered("Put (ingress)", "robot2/position", un="")) == ({}, [])
@@ -60,7 +60,7 @@ def test_a_refusal_from_memory_still_has_the_name() -> None:
     assert read(unknown, intercepted())[0] == {"delete robot1/position": 1}
 
 
-def test_what_is_kept_from_others_is_no_refusal() -> None:
+def test_refused_egress_is_not_counted() -> None:
     assert read(decided("Declare Subscriber (egress)", "robot1/position"), intercepted()) == ({}, [])
 
 
@@ -74,7 +74,7 @@ def test_lines_of_two_threads_do_not_mix() -> None:
     assert counts == {"put robot3/position by robot2": 1}
 
 
-def test_keys_are_told_without_the_teams_namespace() -> None:
+def test_namespace_is_removed_from_keys() -> None:
     lines = (decided("Query (ingress)", "reds/robot3/order"), intercepted())
     assert read(*lines, namespace="reds")[0] == {"query robot3/order by robot2": 1}
 
@@ -96,7 +96,7 @@ def test_keys_are_told_without_the_teams_namespace() -> None:
         ("tls handshake eof. Hint: …", "handshake broken off"),
     ],
 )
-def test_links_that_prove_nothing_are_counted_by_what_was_wrong(text: str, kind: str) -> None:
+def test_refused_links_are_counted_by_cause(text: str, kind: str) -> None:
     assert read(f"{TLS} {text}") == ({kind: 1}, [f"refused: {kind}"])
 
 
@@ -115,7 +115,7 @@ def test_dialled_peer_must_authenticate_too() -> None:
     assert len(reported) == 2
 
 
-def test_a_link_closed_because_its_certificate_ran_out_is_told_apart() -> None:
+def test_expiry_during_a_link_has_its_own_kind() -> None:
     line = (
         f"{STAMP}  WARN app-1 ThreadId(03) zenoh_link_commons::tls::expiration:"
         " Closing TLS link 10.77.0.1:7460 => 10.77.0.2:41884 : remote certificate chain expired"
@@ -178,13 +178,13 @@ def test_refused_peer_cannot_exhaust_memory() -> None:
     assert len(parser._pending) <= MAX_KINDS
 
 
-def test_a_flood_of_refusals_is_no_flood_of_lines() -> None:
+def test_repeated_refusals_are_logged_at_powers_of_ten() -> None:
     counts, reported = read(*(decided("Put (ingress)", "a"), intercepted()) * 1000)
     assert counts == {"put a by robot2": 1000}
     assert len(reported) == 4
     assert reported[-1] == "refused: put a by robot2, 1000 times"
 
 
-def test_signs_that_would_disturb_a_terminal_are_not_repeated() -> None:
+def test_control_characters_are_not_logged() -> None:
     counts, _ = read(decided("Put (ingress)", "a\x07\x1b[2Jb"), intercepted())
     assert counts == {"put a??[2Jb by robot2": 1}
