@@ -172,7 +172,7 @@ class Refusals:
     def __init__(self, reading: int, namespace: str) -> None:
         self._parser = Parser(namespace)
         self._reading = reading
-        self._lock = threading.Lock()
+        self._lock, self._logging = threading.Lock(), threading.Lock()
         self._pieces: deque[bytes] = deque()  # read, not parsed yet
         self._unlogged: deque[str] = deque()
         self._logged, self._held, self._since = 0, 0, time.monotonic()
@@ -238,18 +238,19 @@ class Refusals:
         return True
 
     def _log_lines(self) -> None:
-        now = time.monotonic()
-        if now - self._since > WARNING_WINDOW_TIME:
-            if self._held:
-                _log.warning("zenoh: %d more warnings", self._held)
-            self._logged, self._held, self._since = 0, 0, now
-        while self._unlogged:
-            line = self._unlogged.popleft()
-            if self._logged < MAX_WARNINGS:
-                _log.warning("%s", line)
-                self._logged += 1
-            else:
-                self._held += 1
+        with self._logging:  # a line that another thread has taken is logged before the process ends
+            now = time.monotonic()
+            if now - self._since > WARNING_WINDOW_TIME:
+                if self._held:
+                    _log.warning("zenoh: %d more warnings", self._held)
+                self._logged, self._held, self._since = 0, 0, now
+            while self._unlogged:
+                line = self._unlogged.popleft()
+                if self._logged < MAX_WARNINGS:
+                    _log.warning("%s", line)
+                    self._logged += 1
+                else:
+                    self._held += 1
 
 
 def _take_over_stdout() -> int:
