@@ -1,4 +1,4 @@
-"""What attacks on a team have in common: how they are made, and what must come of each."""
+"""Helpers for tests of attacks: run one, and check that it has no effect."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from tests.field.team import VICTIM, Band, Team, longest_gap, mission
 from tests.support.namespaces import until
 
 BEFORE = 2.0
-"""So long before an attack commands are what they are without one [s]."""
+"""Time before an attack from which commands are taken as normal [s]."""
 LASTS = 2.0
-"""How long an attack goes on [s]."""
+"""Duration of an attack [s]."""
 SILENCE = 0.3
-"""The watchdog would stop the robot after that; nobody's attack may keep commands away so long [s]."""
+"""The watchdog stops the robot after such a gap of commands; no attack may cause one [s]."""
 
 
 def link(team: Team, name: str, victim: str = VICTIM, identity: Path | None = None) -> dict[str, Any]:
-    """How the attacker links with the victim: with the key of `name`, or another one."""
+    """Arguments for a link with the victim: with the key of `name`, or the one in `identity`."""
     folder = team.desk.folder / name
     return {
         "identity": str(identity or folder),
@@ -32,7 +32,7 @@ def link(team: Team, name: str, victim: str = VICTIM, identity: Path | None = No
 
 @contextmanager
 def without_effect(team: Team) -> Iterator[None]:
-    """What happens in here must not show in any command, nor in the state of the victim."""
+    """Check that the body changes no command and no state of the victim."""
     until(team.settled, what="settled before the attack")
     time.sleep(BEFORE)
     start = time.monotonic()
@@ -42,23 +42,23 @@ def without_effect(team: Team) -> Iterator[None]:
     end = time.monotonic()
     until(lambda: team.commands(since=end), what="a command after the attack")
     during = team.commands(since=start)
-    assert len(during) > 15 * (end - start), "commands were kept away"
+    assert len(during) > 15 * (end - start), "commands are missing"
     assert longest_gap(during) < SILENCE
     assert [command for command in during if not band.holds(command)] == [], band
     assert team.states(since=start) <= {"run"}
 
 
 def attack(team: Team, kind: str, **how: Any) -> Any:
-    """Attack, to the end; what the attacker knows of its success."""
+    """Run an attack to its end; return the result that the attacker reports."""
     running = team.attack(kind, **how)
     done = running.event("done")["result"]
     assert running.wait() == 0, running.errors
     return done
 
 
-def rises(team: Team, kind: str, before: dict[str, int], by: int = 1) -> None:
-    """The victim's status soon says that so many more were refused."""
+def wait_for_refusals(team: Team, kind: str, before: dict[str, int], by: int = 1) -> None:
+    """Wait until the victim's status counts at least `by` more refusals of `kind`."""
     until(
         lambda: team.refused().get(kind, 0) - before.get(kind, 0) >= by,
-        what=f"{by} times {kind!r}; there is {team.refused()}",
+        what=f"{by} more of {kind!r}; refused: {team.refused()}",
     )

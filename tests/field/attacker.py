@@ -1,6 +1,6 @@
-"""What somebody does who means harm: ``python -m tests.field.attacker KIND JSON``, one attack a run.
+"""Attacks on a team: ``python -m tests.field.attacker KIND JSON`` runs one.
 
-Ends with an event ``done`` that says what the attacker knows of its success.
+Ends with an event ``done``, which has the result as the attacker sees it.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from tests.field.team import mission
 from tests.support.namespaces import until
 
 FAR = 5.0 + 5.0j
-"""Where the attacker would have the robot go [m; world frame]: nowhere near."""
+"""Forged position, far from the robot [m; world frame]."""
 NEAR = -0.4 + 0.3j
-"""Where the robot that the attacker speaks for may well be [m; world frame]."""
+"""Plausible position of the robot in whose name the attacker publishes [m; world frame]."""
 
 
 def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
-    """Positions far away that go on and on, with an order to stop by a leader who took over just now."""
+    """Positions far away, each with an order to stop by a leader with a new term."""
     tag = mission().tag
     publisher_id, term, start = secrets.token_hex(8), time.time_ns(), time.monotonic()
     for count in range(int(seconds * rate)):
@@ -43,7 +43,7 @@ def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
 
 
 def put(session: zenoh.Session, keys: list[str], seconds: float, rate: float = 40.0) -> int:
-    """Put forged positions on all of `keys`; how many."""
+    """Put forged positions on all of `keys`; return their number."""
     sent = 0
     for payload, attachment in forged(seconds, rate):
         for key in keys:
@@ -53,7 +53,7 @@ def put(session: zenoh.Session, keys: list[str], seconds: float, rate: float = 4
 
 
 def query(session: zenoh.Session, keys: list[str]) -> int:
-    """Ask for a stop as an operator does; how many answered."""
+    """Request a stop as an operator does; return the number of replies."""
     payload = order.encode(OperatorRequest(do="stop"))
     return sum(
         reply.ok is not None
@@ -63,14 +63,14 @@ def query(session: zenoh.Session, keys: list[str]) -> int:
 
 
 def declare(session: zenoh.Session, keys: list[str], seconds: float) -> int:
-    """Declare liveliness tokens; how many."""
+    """Declare liveliness tokens; return their number."""
     tokens = [session.liveliness().declare_token(key) for key in keys]
     time.sleep(seconds)
     return len(tokens)
 
 
 def listen(session: zenoh.Session, key: str, number: int) -> list[tuple[str, str]]:
-    """The next `number` things that somebody says, or a few more: payload and attachment in hexadecimal."""
+    """Receive `number` messages or a few more; return payloads and attachments in hexadecimal."""
     received: list[tuple[str, str]] = []
 
     def receive(sample: zenoh.Sample) -> None:
@@ -84,7 +84,7 @@ def listen(session: zenoh.Session, key: str, number: int) -> list[tuple[str, str
 
 
 def relay(session: zenoh.Session, key: str, attachments: list[str], rate: float = 40.0) -> int:
-    """Say these things beside positions that are stamped as they are sent; how many."""
+    """Publish these attachments with positions that are stamped now; return their number."""
     for attachment in attachments:
         pose = Pose(time.time(), NEAR, 1.0 + 0j)
         session.put(key, encode(pose), attachment=bytes.fromhex(attachment))
@@ -93,7 +93,7 @@ def relay(session: zenoh.Session, key: str, attachments: list[str], rate: float 
 
 
 def replay(session: zenoh.Session, key: str, samples: list[tuple[str, str]], rate: float = 40.0) -> int:
-    """Say again what was said before; how many."""
+    """Publish recorded messages again; return their number."""
     for payload, attachment in samples:
         session.put(key, bytes.fromhex(payload), attachment=bytes.fromhex(attachment))
         time.sleep(1.0 / rate)
@@ -101,7 +101,7 @@ def replay(session: zenoh.Session, key: str, samples: list[tuple[str, str]], rat
 
 
 def dial(how: dict[str, Any], times: int) -> int:
-    """Try to link; how often it worked."""
+    """Try to link `times` times; return the number of links."""
     worked = 0
     for _ in range(times):
         try:
@@ -113,7 +113,7 @@ def dial(how: dict[str, Any], times: int) -> int:
 
 
 def crowd(address: str, port: int, number: int, seconds: float) -> int:
-    """Open connections and let each say a byte now and then, never enough; how many the victim took."""
+    """Open connections and send a few bytes on each, too few for a handshake; return their number."""
     taken = [socket.create_connection((address, port), timeout=5.0) for _ in range(number)]
     for byte in b"\x16\x03\x01\x02":
         time.sleep(seconds / 4)
@@ -126,7 +126,7 @@ def crowd(address: str, port: int, number: int, seconds: float) -> int:
 
 
 def knock(address: str, port: int) -> int:
-    """Begin links that prove nothing as fast as they are taken, until told to stop (SIGTERM); how many."""
+    """Begin links without a certificate as fast as possible until SIGTERM; return their number."""
     over: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: over.append(number))
     knocked = 0
@@ -143,7 +143,7 @@ def knock(address: str, port: int) -> int:
 
 
 def talk(address: str, port: int, words: bytes) -> int:
-    """Say something that is no TLS; how many bytes came back."""
+    """Send bytes that are no TLS; return the number of bytes received."""
     with socket.create_connection((address, port), timeout=5.0) as link:
         link.sendall(words)
         try:
@@ -167,9 +167,9 @@ def main(kind: str, how: dict[str, Any]) -> None:
             attacks = (put, query, declare, listen, relay, replay)
             does = {one.__name__: one for one in attacks}[kind]
             with attacking(**_paths(how.pop("link"))) as session:
-                time.sleep(0.3)  # until both sides have told each other what they declare
+                time.sleep(0.3)  # until both sides have exchanged declarations
                 result = does(session, **how)
-                time.sleep(0.3)  # what was said is sent before the link goes
+                time.sleep(0.3)  # messages are sent before the link closes
     say("done", result=result)
 
 

@@ -1,4 +1,4 @@
-"""Bundles of a small team with an install.sh that does little; robots are folders behind one ssh server."""
+"""Bundles of a small team with a minimal install.sh; robots are folders behind one ssh server."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ WHEEL = bytes(range(256)) * 400
 
 
 class Field:
-    """A folder of bundles, and a place for the robots that they go to."""
+    """A folder of bundles, and a folder with the prefix of each robot."""
 
     def __init__(self, folder: Path, server: Server) -> None:
         self.bundles, self._places, self.server = folder / "field", folder / "robots", server
@@ -60,7 +60,7 @@ class Field:
             self.bundle(name, "r1")
 
     def bundle(self, name: str, release: str, install: str = INSTALL) -> Path:
-        """Make (or make anew) a robot's bundle."""
+        """Make a robot's bundle, or replace it; return its folder."""
         folder = self.bundles / name
         (folder / "wheels").mkdir(parents=True, exist_ok=True)
         version = {"release": release, "robot": name, "formation": "0.1.0", "mission": "pair"}

@@ -1,4 +1,4 @@
-"""What the tests of this folder share: bundles that are made once, and robots behind an ssh server."""
+"""Fixtures of this folder: bundles that are made once, and robots behind an ssh server."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 
 from tests.field import deployed
 from tests.field.bundles import Field
-from tests.field.light import Made, light
+from tests.field.light import MakeBundle, light
 from tests.field.sshd import Server, sshd
 
 
 @pytest.fixture(scope="session")
 def bundles(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Bundles of `deployed.TEXT` for this machine, wheels and all; not to be changed."""
+    """Bundles of `deployed.TEXT` for this machine, with all wheels; do not change them."""
     return deployed.bundles(tmp_path_factory.mktemp("bundles"))
 
 
 @pytest.fixture
-def made(bundles: Path, tmp_path: Path) -> Made:
-    """A maker of light bundles of robot1."""
+def make_bundle(bundles: Path, tmp_path: Path) -> MakeBundle:
+    """Function that makes light bundles of robot1."""
 
     def make(name: str = "one", **differing: str) -> Path:
         facts = {key: value for key, value in differing.items() if key != "zenoh"}
@@ -40,5 +40,5 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 @pytest.fixture
 def field(tmp_path: Path, server: Server) -> Field:
-    """Bundles, and robots behind the server that have none yet."""
+    """Bundles, and robots behind the server without an installation."""
     return Field(tmp_path, server)

@@ -1,4 +1,4 @@
-"""A mission brought to robots as a user does it: certificates, bundles, each robot's own install.sh."""
+"""A mission deployed as by a user: certificates, bundles, and install.sh for each robot."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ heading_deg = 0
 
 
 def commands(unit: str, state: str = "%S") -> list[list[str]]:
-    """Command lines of a unit in order, with the variables that it sets itself; `state` is systemd's %S."""
+    """Command lines of a unit in order, with its own variables replaced; `state` is systemd's %S."""
     variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
     lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit.replace("%S", state))
     return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
@@ -73,14 +73,14 @@ def mission() -> Mission:
 
 
 def secrets(folder: Path) -> Path:
-    """Certificates for all of its processes."""
+    """Make certificates for all processes of the mission; return their folder."""
     now = datetime.now(UTC)
     certificates.create(mission(), folder, days=1.0, authority_days=1.0, now=now)
     return folder
 
 
 def bundles(folder: Path) -> Path:
-    """Bundles with all wheels, for this machine."""
+    """Make bundles with all wheels for this machine; return their folder."""
     now = datetime.now(UTC)
     out = folder / "bundles"
     bundle.make(mission(), TEXT, out, secrets(folder / "secrets"), HERE, now=now)
@@ -88,7 +88,7 @@ def bundles(folder: Path) -> Path:
 
 
 def install(robot: Path, prefix: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    """Run a robot's install.sh, with no more of an environment than a robot has, and its pip's settings."""
+    """Run a robot's install.sh with an environment of only PATH and pip's settings."""
     command = ["sh", str(robot / "install.sh"), "--prefix", str(prefix), *flags]
     variables = {name: value for name, value in os.environ.items() if name.startswith("PIP_")}
     variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
@@ -103,14 +103,14 @@ class Deployed:
         self.prefix = {name: folder / name for name in self.mission.names}
         self.computers = {name: field.computer(name) for name in (*self.mission.names, DESK)}
         self.running: dict[tuple[str, str], Running] = {}
-        """By computer and unit."""
+        """Running processes by computer and unit."""
         with ThreadPoolExecutor() as pool:
             for done in pool.map(self._install, self.mission.names):
                 assert done.returncode == 0, done.stderr
 
     @property
     def desk(self) -> Computer:
-        """Where the monitor and the operator are."""
+        """The computer of monitor and operator."""
         return self.computers[DESK]
 
     def program(self, name: str) -> Path:
@@ -118,21 +118,21 @@ class Deployed:
         return self.prefix[name] / "current" / "venv" / "bin" / "formation"
 
     def start_robot(self, name: str) -> Running:
-        """Play the robot itself, on the loopback of its own computer."""
+        """Start the simulated robot on the loopback of its own computer."""
         source = self.prefix[name] / "current" / "mission.toml"
         robot = self.computers[name].start(self.program(name), "robot", source, "--robot", name)
         self.running[name, "robot"] = robot
         return robot
 
     def start_units(self, name: str) -> None:
-        """Start what the robot's units start, with their very command lines."""
+        """Start the command lines of the robot's units."""
         for path in sorted((self.prefix[name] / "current" / "units").iterdir()):
             state = str(self.prefix[name] / "state")
             command = commands(path.read_text(encoding="utf-8"), state)[0]
             self.running[name, path.stem] = self.computers[name].start(*command)
 
     def start_monitor(self, recording: Path) -> Running:
-        """The monitor, at the desk, with its own certificate."""
+        """Start the monitor at the desk with its own certificate."""
         desk = self.out / DESK
         flags = ("-c", desk / "monitor.json5", "--record", recording, "--snapshots")
         running = self.desk.start(sys.executable, "-m", "formation.monitor", desk / "mission.toml", *flags)
@@ -140,9 +140,9 @@ class Deployed:
         return running
 
     def order(self, do: str, process: str = "operator") -> subprocess.CompletedProcess[str]:
-        """An order from the desk, with the operator's certificate (or another one's)."""
+        """Send an operator request from the desk, with the certificate of `process`."""
         desk = self.out / DESK
-        seconds = "20" if process == "operator" else "3"  # an operator's ends as soon as all have answered
+        seconds = "20" if process == "operator" else "3"  # the operator's ends as soon as all have replied
         flags = ("-c", desk / f"{process}.json5", "--json", "--timeout", seconds)
         return self.desk.run(
             sys.executable, "-m", "formation.deploy", "order", desk / "mission.toml", do, *flags

@@ -1,4 +1,4 @@
-"""Bundles whose packages are empty, so that a test can install many of them."""
+"""Bundles with empty packages, so that a test can install many of them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def load(path):
         return types.SimpleNamespace(robots=tomllib.load(file)["robots"], standbys={})
 """,
 }
-Made = Callable[..., Path]
-"""Makes a light bundle of robot1 under a name, so that bundles of two names are two releases."""
+MakeBundle = Callable[..., Path]
+"""Makes a light bundle of robot1; each name gives another release."""
 META = {
     "METADATA": "Metadata-Version: 2.1\nName: zenoh-formation\nVersion: 0.1.0\n",
     "WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
@@ -32,7 +32,7 @@ META = {
 
 
 def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str | bool) -> Path:
-    """A robot's bundle like `whole`, but with stand-ins for its packages; `facts` go to its VERSION.json."""
+    """Copy the bundle `whole`, with stand-ins for its packages; `facts` go to its VERSION.json."""
     shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
     (pip,) = (whole / "wheels").glob("pip-*.whl")
     wheels.link(pip, folder / "wheels" / pip.name)
@@ -46,7 +46,7 @@ def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, *
 
 
 def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
-    """A wheel of these modules."""
+    """Make a wheel of these modules; return its path."""
     path = folder / "zenoh_formation-0.1.0-py3-none-any.whl"
     meta = "zenoh_formation-0.1.0.dist-info"
     with zipfile.ZipFile(path, "w") as archive:

@@ -1,4 +1,4 @@
-"""Missions for the field: the shipped ones with endpoints, which those do without."""
+"""Missions for the field: shipped missions with endpoints added."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from formation.transport.wiring import members
 
 
 def in_the_field(name: str, endpoint: Callable[[int], str], team: str | None = None) -> Mission:
-    """A shipped mission whose robot number i (the leader is 0) listens on ``endpoint(i)``; then standbys."""
+    """A shipped mission: robot number i (the leader is 0) listens on ``endpoint(i)``; then standbys."""
     mission = load(name)
     return listening(mission, {one: endpoint(i) for i, one in enumerate(members(mission))}, team)
 
 
 def listening(mission: Mission, endpoints: Mapping[str, str | None], team: str | None = None) -> Mission:
-    """A mission with other endpoints, and checked again."""
+    """The mission with these endpoints, validated again."""
     data = mission.model_dump()
     for name, endpoint in endpoints.items():
         data["robots" if name in mission.robots else "standbys"][name]["endpoint"] = endpoint
@@ -24,5 +24,5 @@ def listening(mission: Mission, endpoints: Mapping[str, str | None], team: str |
 
 
 def on_a_wireless_network(number: int) -> str:
-    """An endpoint as in a field."""
+    """Endpoint of robot `number` on a wireless network."""
     return f"tls/192.168.1.{10 + number}:7460"

@@ -1,4 +1,4 @@
-"""Zenoh sessions as the processes of a mission have them in the field, and as somebody has who means harm."""
+"""Zenoh sessions of the processes of a mission in the field, and of an attacker."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.support.namespaces import until
 
 
 class Desk(NamedTuple):
-    """A mission, and the folder with everybody's certificates and configuration."""
+    """A mission, and the folder with certificates and configurations of all processes."""
 
     mission: Mission
     folder: Path
@@ -33,7 +33,7 @@ class Desk(NamedTuple):
 
 
 def prepared(mission: Mission, folder: Path) -> Desk:
-    """Certificates and configurations of all processes."""
+    """Make certificates and configurations of all processes."""
     certificates.create(mission, folder, days=1.0, authority_days=1.0, now=datetime.now(UTC))
     desk = Desk(mission, folder)
     for process in access.processes(mission):
@@ -43,14 +43,14 @@ def prepared(mission: Mission, folder: Path) -> Desk:
 
 
 class Sessions:
-    """Sessions of a mission's processes, as those open them."""
+    """Sessions of a mission's processes, with their own configurations."""
 
     def __init__(self, desk: Desk, stack: ExitStack) -> None:
         self.desk, self._stack = desk, stack
         self.received: dict[str, Counter[str]] = {}
-        """By process and key."""
-        self.said: dict[str, set[bytes]] = {}
-        """Everything that a process has heard."""
+        """Number of received messages by process and key."""
+        self.payloads: dict[str, set[bytes]] = {}
+        """Received payloads by process."""
 
     def open(self, *processes: str) -> list[zenoh.Session]:
         return [self._open(process) for process in processes]
@@ -60,7 +60,10 @@ class Sessions:
         return self._stack.enter_context(zenoh.open(settings_of(config)))
 
     def listen(self, process: str, session: zenoh.Session, *keys: str) -> None:
-        received, result = self.received.setdefault(process, Counter()), self.said.setdefault(process, set())
+        received, result = (
+            self.received.setdefault(process, Counter()),
+            self.payloads.setdefault(process, set()),
+        )
 
         def receive(sample: zenoh.Sample) -> None:
             received[str(sample.key_expr)] += 1
@@ -70,7 +73,7 @@ class Sessions:
             session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
 
     def answer(self, session: zenoh.Session, key: str) -> None:
-        """Have a process answer whoever asks."""
+        """Let a process reply to every request on `key`."""
 
         def reply(query: zenoh.Query) -> None:
             with query:
@@ -79,16 +82,16 @@ class Sessions:
         session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
 
     def reaches(self, session: zenoh.Session, key: str, process: str) -> None:
-        """Say something again and again until it is received; links need a moment."""
+        """Publish repeatedly until `process` has received a message on `key`: links take time."""
 
         def result() -> bool:
             session.put(key, b"something")
             return self.received[process][key] > 0
 
-        until(result, what=f"{process} hears {key}")
+        until(result, what=f"{process} receives {key}")
 
     def attacking(self, name: str, victim: str) -> AbstractContextManager[zenoh.Session]:
-        """Whoever has the key of `name` and keeps to no rules, linked with the victim."""
+        """A session with the key of `name` and no access rules, linked with the victim."""
         identity = self.desk.folder / name
         victims = [self.desk.endpoint(victim)]
         return attacking(identity, victims, identity / "ca.pem", self.desk.mission.team)
@@ -98,9 +101,9 @@ class Sessions:
 def attacking(
     identity: Path, victims: Sequence[str], trusted: Path, team: str | None = None
 ) -> Iterator[zenoh.Session]:
-    """A session with the key in `identity` and no rules of its own, linked with `victims`.
+    """A session with the key in `identity` and no access rules, linked with `victims`.
 
-    It is a client, which sends what it is told to; a peer would first ask who wants to hear it.
+    It is a client, which sends everything; a peer sends only what the other side subscribes to.
     """
     settings = zenoh.Config()
     for path, value in DEFAULTS:

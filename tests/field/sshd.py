@@ -1,4 +1,4 @@
-"""An OpenSSH server of a test's own on loopback: its own port, host key and authorised key."""
+"""An OpenSSH server for tests on loopback, with its own port, host key and authorised key."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from tests.support.child import PATIENCE, free_endpoint
 from tests.support.needs import path_of
 
 SEPARATION = Path("/run/sshd")
-"""Where a server that root starts puts its unprivileged half; it must be there, and is empty."""
+"""Empty folder that a server started by root needs for privilege separation."""
 
 
 class Server(NamedTuple):
-    """A server that runs."""
+    """A running server."""
 
     port: int
     options: tuple[str, ...]
-    """Of `formation deploy push`, so that it gets in."""
+    """Options with which `formation deploy push` logs in."""
 
 
 @contextmanager
 def sshd(folder: Path, *lines: str) -> Iterator[Server]:
-    """A server for the current user, with more `lines` of configuration. Its files are in `folder`."""
+    """Run a server for the current user, with more `lines` of configuration and its files in `folder`."""
     port = int(free_endpoint().rpartition(":")[2])
     for name in ("host", "client", "stranger"):
         words = [path_of("ssh-keygen"), "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)]
@@ -44,7 +44,7 @@ def sshd(folder: Path, *lines: str) -> Iterator[Server]:
         f"HostKey {folder / 'host'}",
         f"AuthorizedKeysFile {folder / 'authorized_keys'}",
         "PidFile none",
-        "StrictModes no",  # pytest's folders are not what it would call safe
+        "StrictModes no",  # sshd does not accept the modes of pytest's folders
         "UsePAM no",
         "PasswordAuthentication no",
         "MaxStartups 100",
@@ -54,7 +54,7 @@ def sshd(folder: Path, *lines: str) -> Iterator[Server]:
     made = os.geteuid() == 0 and not SEPARATION.exists()
     if made:
         SEPARATION.mkdir(mode=0o755)
-    with (folder / "sshd.log").open("wb") as log:  # it starts only by its full path
+    with (folder / "sshd.log").open("wb") as log:  # sshd starts only by its full path
         server = subprocess.Popen([path_of("sshd"), "-D", "-e", "-f", str(config)], stderr=log)
     try:
         _await(port, server, folder / "sshd.log")

@@ -1,8 +1,8 @@
-"""A team in a field under mTLS and access control, with a witness of the victim's commands, and an attacker.
+"""A team in a field under mTLS and access control, with a witness of the victim's commands and an attacker.
 
-Each robot is a computer of its own: its agent, and the simulated robot on its loopback. The leader leads
-`robot1` and `robot2`, `robot2` also measures `robot1`, and is the victim. `robot3` measures `robot2`, but has
-been stolen: it is not there, and its key is in the attacker's hands.
+Each robot is a computer of its own, with its agent, and the simulated robot on its loopback. `robot1` and
+`robot2` measure the leader; `robot2` also measures `robot1`, and is the victim. `robot3`, which measures
+`robot2`, is absent: the attacker has its key.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ heading_deg = 0
 
 
 class Command(NamedTuple):
-    """One command that arrived at the victim's wheels."""
+    """One command that the victim's robot received."""
 
     at: float
     """[s, monotonic]"""
@@ -82,13 +82,13 @@ class Command(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Where commands are when nobody attacks, and a little around it."""
+    """Range of commands without an attack, with a margin."""
 
     speed: tuple[float, float]
     turn_rate: tuple[float, float]
 
     def holds(self, command: Command) -> bool:
-        """Whether a command is like those before the attack."""
+        """Whether a command is within the range."""
         return (
             self.speed[0] <= command.speed <= self.speed[1]
             and self.turn_rate[0] <= command.turn_rate <= self.turn_rate[1]
@@ -96,7 +96,7 @@ class Band(NamedTuple):
 
     @classmethod
     def of(cls, commands: list[Command]) -> Band:
-        """Twice as wide as what was seen, and what a formation error of 2 mm commands."""
+        """Twice the range of `commands`, plus what a formation error of 2 mm commands."""
         return cls(
             _around([command.speed for command in commands], 0.004),
             _around([command.turn_rate for command in commands], 0.04),
@@ -110,7 +110,7 @@ def _around(values: list[float], margin: float) -> tuple[float, float]:
 
 
 class Team:
-    """The running team, seen from the victim's side."""
+    """The running team, with commands and status of the victim."""
 
     def __init__(self, field: Field, desk: Desk, source: Path) -> None:
         self.field, self.desk, self.source = field, desk, source
@@ -120,16 +120,16 @@ class Team:
 
     @property
     def attacker(self) -> Computer:
-        """A computer with no business here."""
+        """The attacker's computer."""
         return self.computers["attacker"]
 
     @property
     def desk_computer(self) -> Computer:
-        """Where the operator is."""
+        """The operator's computer."""
         return self.computers["desk"]
 
     def start(self) -> None:
-        """Start all processes but the attacker's, and wait until the victim drives settled."""
+        """Start all processes but the attacker's, and wait until they are ready."""
         for name in ("robot1", "robot2"):
             here = self.computers[name]
             self.running[f"{name}'s body"] = here.start(*self.formation("robot", "--robot", name))
@@ -145,14 +145,14 @@ class Team:
             self.running[name].event("ready")
 
     def formation(self, command: str, *flags: str) -> tuple[str, ...]:
-        """A command line of the project for this mission."""
+        """A command line of `formation` for this mission."""
         return (sys.executable, "-m", "formation.deploy", command, str(self.source), *flags)
 
     def attack(self, kind: str, **how: Any) -> Running:
         return self.attacker.start(sys.executable, "-m", "tests.field.attacker", kind, json.dumps(how))
 
     def commands(self, since: float = 0.0, before: float = float("inf")) -> list[Command]:
-        """What arrived at the victim's wheels between two moments [s, monotonic]."""
+        """Commands that the victim's robot received between two times [s, monotonic]."""
         found = [
             Command(result["at"], result["speed"], result["turn_rate"])
             for result in self.running["witness"].events("command")
@@ -166,7 +166,7 @@ class Team:
         return values
 
     def states(self, since: float) -> set[str]:
-        """What states the victim said it was in since a moment [s, monotonic]."""
+        """States in the victim's statuses since a time [s, monotonic]."""
         return {
             result["values"]["state"]
             for result in self.running["witness"].events("status")
@@ -174,7 +174,7 @@ class Team:
         }
 
     def refused(self) -> dict[str, int]:
-        """What the victim's bus has refused, by kind, as its status says."""
+        """Number of refusals by kind, from the victim's status."""
         values = self.status()
         return {
             name.removeprefix("refused."): int(value)
@@ -183,7 +183,7 @@ class Team:
         }
 
     def dropped(self) -> dict[str, tuple[int, str]]:
-        """What the victim's agent has not believed: how many and why last, by key."""
+        """Messages that the victim's agent dropped, by key: number and last reason."""
         values = self.status()
         counts = {
             name.removeprefix("dropped."): int(value)
@@ -193,7 +193,7 @@ class Team:
         return {key: (count, values[f"dropped_last.{key}"]) for key, count in counts.items()}
 
     def settled(self) -> bool:
-        """Whether the victim's last two seconds of commands were those of settled straight driving."""
+        """Whether the victim has driven straight and settled for two seconds."""
         last = self.commands()[-40:]
         return len(last) == 40 and all(
             abs(one.speed - 0.1) < 0.005 and abs(one.turn_rate) < 0.05 for one in last
@@ -201,7 +201,7 @@ class Team:
 
 
 def longest_gap(commands: list[Command]) -> float:
-    """Between two commands that follow each other [s]."""
+    """Longest time between two successive commands [s]."""
     return max(later.at - earlier.at for earlier, later in pairwise(commands))
 
 
@@ -211,7 +211,7 @@ def mission() -> Mission:
 
 @contextmanager
 def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterator[Team]:
-    """A team that drives, settled; or merely runs, where certificates expire so many seconds from now."""
+    """A team that drives settled; or, with certificates that expire in so many seconds, that runs."""
     source = folder / "attacked.toml"
     source.write_text(TEXT, encoding="utf-8")
     with Field() as field:
@@ -219,7 +219,7 @@ def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterato
         for name, seconds in (expires or {}).items():
             issued(team.desk, team.desk.folder / name, name, seconds=seconds)
         team.start()
-        if expires:  # which a busy machine would not wait for
+        if expires:  # which may be before a busy machine has settled
             until(lambda: team.status().get("state") == "run", what="the victim runs")
         else:
             until(team.settled, 60.0, "the victim drives straight")
@@ -229,7 +229,7 @@ def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterato
 def issued(
     desk: Desk, folder: Path, name: str, *, begins: timedelta = timedelta(), seconds: float = 3600.0
 ) -> Path:
-    """Put a certificate of the team's authority into `folder`: good from some time on, for so long."""
+    """Put a certificate of the team's authority into `folder`, valid from `begins` on for `seconds`."""
     address = mission().robots[name].endpoint or ""
     pair = authority.issue(
         certificates.read_authority(desk.folder),

@@ -1,4 +1,4 @@
-"""Who may say what to whom: as a table, as Zenoh's rules, and between real sessions."""
+"""Access control: the table of permitted messages, and the Zenoh rules made of it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ EVERY_MISSION = pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIO
 
 
 def allows(rules: dict[str, Any], peer: str, flow: str, message: str, key: str) -> bool:
-    """What Zenoh decides by these rules, written down a second time from its documentation."""
+    """Whether Zenoh permits a message by these rules, written a second time from its documentation."""
     assert rules["enabled"]
     assert rules["default_permission"] == "deny"
     by_id = {rule["id"]: rule for rule in rules["rules"]}
@@ -55,7 +55,7 @@ def allows(rules: dict[str, Any], peer: str, flow: str, message: str, key: str) 
 
 
 def includes(pattern: str, key: str) -> bool:
-    """Whether all that `key` stands for is in `pattern`."""
+    """Whether `pattern` includes every key that `key` matches."""
     if pattern in ("**", key):
         return True
     words, others = pattern.split("/"), key.split("/")
@@ -65,15 +65,15 @@ def includes(pattern: str, key: str) -> bool:
 
 
 def attempts(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
-    """Who receives, whose certificate it is, the message and its key: all there are, and wild ones.
+    """All attempts: receiver, name in the certificate, message and key, wildcards among the keys.
 
-    Of the robots that are neither of the two, whom a key may also name, one stands for all.
+    Of the robots that are neither receiver nor sender, one is tried in keys.
     """
     processes = access.processes(mission)
     fleet = members(mission)
     for me, peer in itertools.product(processes, (*processes, "robot99", "", "ca")):
         third = next(name for name in mission.names if name not in {me, peer})
-        # the leader's position is anybody's who may lead
+        # all candidates may publish the leader's position
         names = [name for name in dict.fromkeys((me, peer, third, mission.leader)) if name in fleet]
         patterns = [topic.pattern for topic in TABLE]
         keys = {
@@ -91,8 +91,8 @@ def wire(mission: Mission, key: str) -> str:
     return f"{mission.team}/{key}" if mission.team else key
 
 
-def comes(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
-    """Of all attempts those that succeed."""
+def permitted(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
+    """All attempts that succeed."""
     rules = {me: access.access_control(mission, me) for me in access.processes(mission)}
     for me, peer, message, key in attempts(mission):
         if allows(rules[me], peer, "ingress", message, wire(mission, key)):
@@ -100,10 +100,10 @@ def comes(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
 
 
 @EVERY_MISSION
-def test_what_comes_in_is_what_the_table_says_and_nothing_else(mission: Mission) -> None:
+def test_rules_permit_exactly_the_messages_of_the_table(mission: Mission) -> None:
     result = {(word.receiver, word.sender, word.message, word.key) for word in access.words(mission)}
-    allowed = set(comes(mission))
-    # every key that the table names is among the attempts, but for sensors that see a robot not tried here
+    allowed = set(permitted(mission))
+    # attempts include every key of the table, except sensors that measure a robot that is not tried
     assert {word for word in result if "/relative/" not in word[3]} <= allowed
     for me, peer, message, key in allowed:
         assert any((me, peer, message) == word[:3] and includes(word[3], key) for word in result), (
@@ -112,12 +112,12 @@ def test_what_comes_in_is_what_the_table_says_and_nothing_else(mission: Mission)
 
 
 @EVERY_MISSION
-def test_only_robots_publish_own_keys_and_operator_orders(mission: Mission) -> None:
-    for me, peer, message, key in comes(mission):
+def test_robots_publish_only_own_keys_and_only_operator_queries(mission: Mission) -> None:
+    for me, peer, message, key in permitted(mission):
         robot, topic = key.split("/", 1)
         match message:
             case "put":
-                assert peer in speakers(mission, key)
+                assert peer in publishers(mission, key)
                 assert me in {MONITOR, OPERATOR} or me in receivers(mission, peer, key)
             case "reply" | "declare_queryable":
                 assert (robot, me) == (peer, OPERATOR)
@@ -126,38 +126,38 @@ def test_only_robots_publish_own_keys_and_operator_orders(mission: Mission) -> N
                 assert peer == OPERATOR
                 assert topic == "order"
             case "declare_subscriber":
-                assert me in speakers(mission, key)
+                assert me in publishers(mission, key)
                 assert peer in {MONITOR, OPERATOR} or peer in receivers(mission, me, key)
             case _:
                 pytest.fail(f"{message} is never allowed")
 
 
-def speakers(mission: Mission, key: str) -> set[str]:
-    """Whose word counts on a key: its robot's own, and where the leader is, whoever may lead."""
+def publishers(mission: Mission, key: str) -> set[str]:
+    """Processes that may publish on a key: its robot and, for the leader's position, all candidates."""
     return {key.split("/", 1)[0]} | set(mission.candidates if key == POSITION.key(mission.leader) else ())
 
 
-def receivers(mission: Mission, speaker: str, key: str) -> set[str]:
-    """For which robots and standbys it is meant."""
+def receivers(mission: Mission, publisher: str, key: str) -> set[str]:
+    """Robots and standbys that may receive a key."""
     robot, topic = key.split("/", 1)
-    leaders, everybody = set(mission.candidates), set(mission.followers)
+    candidates, followers = set(mission.candidates), set(mission.followers)
     match topic:
         case "position":
-            receivers = {i for i in everybody if robot in mission.received_by(i)}  # who measures or avoids it
+            receivers = {i for i in followers if robot in mission.received_by(i)}  # that measure or avoid it
             if robot == mission.leader:
                 return receivers
-            return receivers | {one for one in leaders if robot in partners(mission, one)}
-        case "ballot" if mission.standbys and speaker in leaders:
-            return everybody | leaders
-        case "route" if mission.standbys and speaker in leaders:
-            return leaders
+            return receivers | {one for one in candidates if robot in partners(mission, one)}
+        case "ballot" if mission.standbys and publisher in candidates:
+            return followers | candidates
+        case "route" if mission.standbys and publisher in candidates:
+            return candidates
         case _:
             return set()
 
 
 @EVERY_MISSION
 def test_only_candidates_publish_ballots_and_routes(mission: Mission) -> None:
-    cast = {(me, peer, key) for me, peer, message, key in comes(mission) if message == "put"}
+    cast = {(me, peer, key) for me, peer, message, key in permitted(mission) if message == "put"}
     receiving = {BALLOT: (*members(mission), MONITOR), ROUTE: (*mission.candidates, MONITOR)}
     for topic, receivers in receiving.items():
         received = {(me, peer) for me, peer, key in cast if key.endswith(f"/{topic.name}")}
@@ -166,12 +166,14 @@ def test_only_candidates_publish_ballots_and_routes(mission: Mission) -> None:
 
 
 @EVERY_MISSION
-def test_the_monitor_may_say_nothing(mission: Mission) -> None:
-    assert {message for _, peer, message, _ in comes(mission) if peer == MONITOR} == {"declare_subscriber"}
+def test_monitor_may_only_subscribe(mission: Mission) -> None:
+    assert {message for _, peer, message, _ in permitted(mission) if peer == MONITOR} == {
+        "declare_subscriber"
+    }
 
 
 @EVERY_MISSION
-def test_keys_outside_the_team_are_nobodys(mission: Mission) -> None:
+def test_keys_of_another_team_are_denied(mission: Mission) -> None:
     team = mission.model_copy(update={"team": "blues"})
     for me in access.processes(mission):
         rules = access.access_control(mission, me)
@@ -189,7 +191,7 @@ def test_rules_of_sender_and_receiver_agree(mission: Mission) -> None:
 
 
 @EVERY_MISSION
-def test_everything_that_the_mission_needs_is_allowed(mission: Mission) -> None:
+def test_rules_permit_every_message_that_mission_needs(mission: Mission) -> None:
     for me in members(mission):
         rules = access.access_control(mission, me)
 
@@ -250,7 +252,7 @@ def test_configuration_file_parses_and_names_the_mission() -> None:
     assert settings["namespace"] == "reds"
 
 
-def test_a_host_with_a_name_listens_on_all_its_addresses() -> None:
+def test_host_with_name_listens_on_all_its_addresses() -> None:
     mission = in_the_field("turtlebot3_pair", lambda i: f"tls/robot{i}.local:7460")
     assert configured(mission, "robot1")["listen"]["endpoints"] == ["tls/[::]:7460"]
     assert configured(mission, "robot1")["connect"]["endpoints"] == ["tls/robot0.local:7460"]

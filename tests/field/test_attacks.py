@@ -1,4 +1,4 @@
-"""Attacks on a team that drives: each is refused, each is counted, and no command is any different for it."""
+"""Attacks on a driving team: each is refused and counted, and changes no command."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from formation.topics import POSITION
-from tests.field.assault import LASTS, attack, link, rises, without_effect
+from tests.field.assault import LASTS, attack, link, wait_for_refusals, without_effect
 from tests.field.team import VICTIM, Band, Team, driving
 from tests.support.namespaces import Running, until
 
@@ -24,21 +24,21 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
         yield team
 
 
-def test_nothing_is_refused_without_an_attack(team: Team) -> None:
+def test_victim_refuses_nothing_without_attack(team: Team) -> None:
     with without_effect(team):
         time.sleep(LASTS)
     assert team.refused() == {}
 
 
-def test_members_are_never_refused(team: Team) -> None:
-    """The monitor and the operator, from the desk, with all that they do."""
+def test_monitor_and_operator_are_never_refused(team: Team) -> None:
+    """A monitor subscribes at the desk, and an operator requests a release."""
     before = team.refused()
     flags = ("-c", str(team.desk.file("monitor")), "--no-record", "--snapshots")
     order = team.formation("order", "release", "-c", str(team.desk.file("operator")), "--json")
     with without_effect(team):
         monitor = team.desk_computer.start(*team.formation("monitor", *flags))
         monitor.event("ready")
-        until(lambda: receives(monitor), what="the monitor hears all that the victim tells")
+        until(lambda: receives(monitor), what="the monitor receives the victim's status")
         time.sleep(LASTS)
         answer = team.desk_computer.run(*order)
         assert monitor.stop() == 0
@@ -50,7 +50,7 @@ def test_members_are_never_refused(team: Team) -> None:
 
 
 def receives(monitor: Running) -> bool:
-    """Whether a monitor has the status of the victim, which it subscribes to after all else."""
+    """Whether a monitor has received the victim's status, to which it subscribes last."""
     shown = monitor.events("snapshot")
     return bool(shown) and shown[-1]["robots"][VICTIM]["state"] == "run"
 
@@ -60,7 +60,7 @@ def test_robot_cannot_publish_as_another_robot(team: Team, key: str) -> None:
     before = team.refused()
     with without_effect(team):
         sent = attack(team, "put", link=link(team, "robot3"), keys=[key], seconds=LASTS)
-        rises(team, f"put {key} by robot3", before, by=sent)
+        wait_for_refusals(team, f"put {key} by robot3", before, by=sent)
     assert sent > 50
     assert team.refused()[f"put {key} by robot3"] - before.get(f"put {key} by robot3", 0) == sent
 
@@ -69,50 +69,50 @@ def test_neighbour_cannot_publish_as_the_leader(team: Team) -> None:
     before = team.refused()
     with without_effect(team):
         sent = attack(team, "put", link=link(team, "robot1"), keys=["leader/position"], seconds=LASTS)
-        rises(team, "put leader/position by robot1", before, by=sent)
+        wait_for_refusals(team, "put leader/position by robot1", before, by=sent)
 
 
-@pytest.mark.parametrize("who", ["robot1", "robot3", "monitor", "operator"])
-def test_wildcard_messages_are_refused(team: Team, who: str) -> None:
+@pytest.mark.parametrize("sender", ["robot1", "robot3", "monitor", "operator"])
+def test_wildcard_messages_are_refused(team: Team, sender: str) -> None:
     before = team.refused()
     keys = ["*/position", "robot1/*", "**", "leader/**"]
     with without_effect(team):
-        attack(team, "put", link=link(team, who), keys=keys, seconds=1.0)
+        attack(team, "put", link=link(team, sender), keys=keys, seconds=1.0)
         for key in keys:
-            rises(team, f"put {key} by {who}", before, by=40)
+            wait_for_refusals(team, f"put {key} by {sender}", before, by=40)
 
 
-@pytest.mark.parametrize("who", ["robot1", "robot3", "monitor"])
-def test_orders_by_others_than_operators_are_refused(team: Team, who: str) -> None:
+@pytest.mark.parametrize("sender", ["robot1", "robot3", "monitor"])
+def test_orders_by_others_than_operators_are_refused(team: Team, sender: str) -> None:
     before = team.refused()
     keys = ["robot2/order", "*/order"]
     with without_effect(team):
-        assert attack(team, "query", link=link(team, who), keys=keys) == 0
+        assert attack(team, "query", link=link(team, sender), keys=keys) == 0
         for key in keys:
-            rises(team, f"query {key} by {who}", before)
+            wait_for_refusals(team, f"query {key} by {sender}", before)
 
 
-def test_strangers_cannot_read_the_admin_space(team: Team) -> None:
-    """Zenoh's admin space, which says who is linked with whom and listens to what."""
+def test_robot_cannot_read_zenoh_admin_space(team: Team) -> None:
+    """The admin space lists links and subscriptions of processes."""
     before = team.refused()
     keys = ["@/*/peer", "@/*/peer/**"]
     with without_effect(team):
         assert attack(team, "query", link=link(team, "robot3"), keys=keys) == 0
         for key in keys:
-            rises(team, f"query {key} by robot3", before)
+            wait_for_refusals(team, f"query {key} by robot3", before)
 
 
-def test_forged_tokens_are_refused(team: Team) -> None:
+def test_forged_liveliness_tokens_are_refused(team: Team) -> None:
     before = team.refused()
     keys = ["robot1/alive", "leader/position"]
     with without_effect(team):
         attack(team, "declare", link=link(team, "robot3"), keys=keys, seconds=1.0)
         for key in keys:
-            rises(team, f"liveliness token {key} by robot3", before)
+            wait_for_refusals(team, f"liveliness token {key} by robot3", before)
 
 
 def test_replayed_messages_are_dropped(team: Team) -> None:
-    """With the robot's own key: the tape of a neighbour, played back from elsewhere."""
+    """Messages of a neighbour, replayed with its own key from another computer."""
     key = POSITION.key("robot1")
     result = attack(team, "listen", link=link(team, "monitor", "robot1"), key=key, number=40)
     dropped = team.dropped().get(key, (0, ""))[0]
@@ -125,7 +125,7 @@ def test_replayed_messages_are_dropped(team: Team) -> None:
 
 
 def test_second_agent_of_a_robot_is_ignored(team: Team) -> None:
-    """With the robot's own key, on another host, beside a robot of its own: the first one's word counts."""
+    """An agent with robot1's key on another computer, with a simulated robot of its own."""
     key = POSITION.key("robot1")
     dropped = team.dropped().get(key, (0, ""))[0]
     ends = [team.desk.endpoint("leader"), team.desk.endpoint(VICTIM)]
@@ -159,13 +159,13 @@ def test_flood_of_refused_messages_is_harmless(team: Team) -> None:
         sent = attack(
             team, "put", link=link(team, "robot3"), keys=["leader/position"], seconds=LASTS, rate=1000.0
         )
-        rises(team, "put leader/position by robot3", before, by=sent)
+        wait_for_refusals(team, "put leader/position by robot3", before, by=sent)
     assert sent > 1000
     assert victim.memory_info().rss - memory < 8 * 2**20
 
 
 def test_stolen_key_of_absent_robot_impersonates_it(team: Team) -> None:
-    """The limit of all this, and proof that the tests above would see an effect if there were one."""
+    """A known limit; it shows that the tests above would detect an effect."""
     until(team.settled, what="settled before the attack")
     band = Band.of(team.commands()[-40:])
     team.running["robot1"].signal(signal.SIGKILL)
@@ -181,7 +181,7 @@ def test_summary_contains_refusals_and_drops(team: Team) -> None:
     kind = "put leader/position by robot3"
     before = team.refused()
     sent = attack(team, "put", link=link(team, "robot3"), keys=["leader/position"], seconds=0.5)
-    rises(team, kind, before, by=sent)
+    wait_for_refusals(team, kind, before, by=sent)
     counted, dropped = team.refused(), team.dropped()
     agent = team.running[VICTIM]
     assert agent.stop() == 0

@@ -1,4 +1,4 @@
-"""Who asks robots for their votes is who may lead, by his certificate; nobody else is even heard."""
+"""Ballots are received only from candidates, by the name in their certificates."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def sessions(tmp_path: Path) -> Iterator[Sessions]:
         yield Sessions(prepared(mission, tmp_path / "secrets"), stack)
 
 
-def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(sessions: Sessions) -> None:
+def test_standby_exchanges_ballots_routes_and_positions_with_team(sessions: Sessions) -> None:
     robot3, leader, deputy = sessions.open("robot3", "leader", "deputy")
     sessions.listen("robot3", robot3, BALLOT.key("deputy"), BALLOT.key("leader"))
     sessions.listen("leader", leader, BALLOT.key("deputy"), ROUTE.key("deputy"))
@@ -41,7 +41,7 @@ def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(se
 
 
 @pytest.mark.parametrize(
-    ("who", "own"),
+    ("sender", "own"),
     [
         ("robot1", POSITION.key("robot1")),
         ("reserve", BALLOT.key("reserve")),
@@ -49,26 +49,26 @@ def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(se
         ("monitor", ""),
     ],
 )
-def test_nobodys_certificate_is_good_for_the_ballots_of_another(
-    sessions: Sessions, who: str, own: str
+def test_certificate_does_not_permit_ballots_of_another_process(
+    sessions: Sessions, sender: str, own: str
 ) -> None:
     ballots = [BALLOT.key(name) for name in ("leader", "deputy", "reserve")]
     robot2, deputy = sessions.open("robot2", "deputy")
     sessions.listen("robot2", robot2, *ballots, POSITION.key("leader"), POSITION.key("robot1"))
-    with sessions.attacking(who, "robot2") as session:
+    with sessions.attacking(sender, "robot2") as session:
         for _ in range(20):
             for key in (BALLOT.key("leader"), BALLOT.key("deputy"), "*/ballot", "**"):
                 session.put(key, b"forged")
-        if who != "reserve":  # which may say where the leader is, as it may lead
+        if sender != "reserve":  # a candidate may publish the leader's position
             session.put(POSITION.key("leader"), b"forged")
         if own:
             sessions.reaches(session, own, "robot2")  # sent later and on the same link
     sessions.reaches(deputy, BALLOT.key("deputy"), "robot2")
     assert set(sessions.received["robot2"]) == {BALLOT.key("deputy"), *([own] if own else [])}
-    assert b"forged" not in sessions.said["robot2"]
+    assert b"forged" not in sessions.payloads["robot2"]
 
 
-def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> None:
+def test_operator_orders_standby_and_receives_its_status(sessions: Sessions) -> None:
     deputy, operator = sessions.open("deputy", "operator")
     sessions.listen("operator", operator, STATUS.key("deputy"))
     sessions.answer(deputy, ORDER.key("deputy"))
@@ -78,6 +78,6 @@ def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> 
         replies = operator.get(ORDER.key("deputy"), payload=b"hold", timeout=PATIENCE)
         return [reply.ok is not None for reply in replies]
 
-    until(lambda: obeyed() == [True], what="the operator has found the robots and is answered")
+    until(lambda: obeyed() == [True], what="the operator receives the reply of the standby")
     with sessions.attacking("robot1", "deputy") as session:
         assert list(session.get(ORDER.key("deputy"), payload=b"hold", timeout=0.5)) == []

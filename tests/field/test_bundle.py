@@ -1,4 +1,4 @@
-"""`formation deploy bundle`: what is in a robot's folder, what is not, and what is refused."""
+"""`formation deploy bundle`: files of a bundle, releases and refusals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROBOTS = ("leader", "robot1", "robot2")
 
 @pytest.fixture(autouse=True)
 def no_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Collect two files instead of wheels: `test_wheels` and `test_install` have the real ones."""
+    """Collect two files instead of wheels; `test_wheels` and `test_install` use real ones."""
 
     def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
         del before
@@ -54,7 +54,7 @@ Make = Callable[..., dict[str, Any]]
 
 @pytest.fixture
 def make(keys: Path, tmp_path: Path) -> Make:
-    """Bundle the mission of `TEXT`, or another one's text, into tmp_path/out."""
+    """Function that bundles the mission `TEXT`, or another text, into tmp_path/out."""
 
     def made(text: str = TEXT, now: datetime = NOW, target: Target = PI, **rest: str) -> dict[str, Any]:
         return bundle.make(parse(text), text, tmp_path / "out", keys, target, now=now, **rest)  # type: ignore[arg-type]
@@ -71,7 +71,7 @@ def files(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> None:
+def test_robot_bundle_holds_all_needed_files(make: Make, tmp_path: Path) -> None:
     make()
     out = tmp_path / "out"
     common = {
@@ -90,16 +90,16 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
 
 def test_desk_bundle_has_monitor_operator_and_leader(make: Make, tmp_path: Path) -> None:
     make()
-    desk, who = tmp_path / "out" / DESK, ("monitor", "operator", "leader")
-    pems = {f"{one}/{name}.pem" for one in who for name in ("ca", "certificate", "key")}
-    assert files(desk) == {"mission.toml", *(f"{one}.json5" for one in who), *pems}
-    for one in who:
+    desk, processes = tmp_path / "out" / DESK, ("monitor", "operator", "leader")
+    pems = {f"{one}/{name}.pem" for one in processes for name in ("ca", "certificate", "key")}
+    assert files(desk) == {"mission.toml", *(f"{one}.json5" for one in processes), *pems}
+    for one in processes:
         assert str(desk / one / "key.pem") in (desk / f"{one}.json5").read_text()
     pem = (desk / "leader" / "certificate.pem").read_bytes()
     assert x509.load_pem_x509_certificate(pem).subject.rfc4514_string() == "CN=leader"
 
 
-def test_firewall_sample_has_the_robots_port(make: Make, tmp_path: Path) -> None:
+def test_firewall_sample_has_port_of_robot(make: Make, tmp_path: Path) -> None:
     make(TEXT.replace("10.77.0.2:7460", "10.77.0.2:7470"))
     ports = {name: (tmp_path / "out" / name / "samples" / "firewall.nft").read_text() for name in ROBOTS}
     assert "tcp dport 7470 " in ports["robot1"]
@@ -122,7 +122,7 @@ def test_each_robot_gets_only_its_own_key(make: Make, keys: Path, tmp_path: Path
     )
 
 
-def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> None:
+def test_secret_files_are_private_and_ignored_by_git(make: Make, tmp_path: Path) -> None:
     make()
     out = tmp_path / "out"
     assert stat.S_IMODE(out.stat().st_mode) == 0o700
@@ -132,10 +132,10 @@ def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> Non
         if path.suffix == ".pem":
             assert mode == 0o600, path
             assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
-    assert (out / ".gitignore").read_text() == "*\n", "keys would be offered for a commit"
+    assert (out / ".gitignore").read_text() == "*\n", "git would add the keys"
 
 
-def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
+def test_version_file_describes_bundle(make: Make, tmp_path: Path) -> None:
     made = make()
     output = version(tmp_path / "out", "robot2")
     assert output["release"] == made["releases"]["robot2"] == bundle.release_id(tmp_path / "out" / "robot2")
@@ -146,9 +146,7 @@ def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
     assert version(tmp_path / "out", "leader")["role"] == "leader"
 
 
-def test_the_same_inputs_make_the_same_release_and_another_mission_another(
-    make: Make, tmp_path: Path
-) -> None:
+def test_release_depends_on_mission_and_not_on_time(make: Make, tmp_path: Path) -> None:
     first = make()["releases"]
     before = (tmp_path / "out" / "robot1" / VERSION).read_text()
     assert make(now=NOW + timedelta(minutes=1))["releases"] == first
@@ -163,7 +161,7 @@ def test_renewed_certificates_make_a_new_release(make: Make, keys: Path) -> None
     assert not set(make()["releases"].values()) & set(first.values())
 
 
-def test_a_robot_that_left_the_mission_leaves_the_bundles(make: Make, tmp_path: Path) -> None:
+def test_bundle_of_removed_robot_is_deleted(make: Make, tmp_path: Path) -> None:
     make()
     start, _, _ = TEXT.partition("[robots.robot2]")
     fewer = start.replace("robot2 = [-0.8, 0.0]\n", "") + "[[route]]\nspeed = 0.05\nheading_deg = 0\n"
@@ -174,7 +172,7 @@ def test_a_robot_that_left_the_mission_leaves_the_bundles(make: Make, tmp_path: 
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".out")] == []
 
 
-def test_a_run_that_fails_leaves_what_was_there(
+def test_failed_run_leaves_old_bundles_unchanged(
     make: Make,
     source: Path,
     keys: Path,
@@ -201,7 +199,7 @@ def command(source: Path, keys: Path, out: Path, *flags: str) -> list[str]:
     return [str(word) for word in words]
 
 
-def test_the_command_says_what_comes_next(
+def test_command_prints_releases_and_next_commands(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out of doors"
@@ -226,7 +224,7 @@ def test_the_command_says_what_comes_next(
     assert set(result["releases"]) == set(ROBOTS)
 
 
-def test_without_wheels_robots_are_told_to_fetch_them(source: Path, keys: Path, tmp_path: Path) -> None:
+def test_flag_no_wheels_is_recorded_in_version_file(source: Path, keys: Path, tmp_path: Path) -> None:
     assert main(command(source, keys, tmp_path / "out", "--no-wheels")) == 0
     assert version(tmp_path / "out", "robot1")["wheels"] is False
     wheel = tmp_path / "out" / "robot1" / "wheels" / "zenoh_formation-0.1.0-py3-none-any.whl"
@@ -243,9 +241,16 @@ def test_without_wheels_robots_are_told_to_fetch_them(source: Path, keys: Path, 
         (("robot1", "desk"), "no robot or standby can be called 'desk'"),
         (("robot1", "operator"), "no robot of the field can be called 'operator'"),
     ],
-    ids=["no endpoint", "no tls", "no bridge", "a bridge for all", "called desk", "called operator"],
+    ids=[
+        "no endpoint",
+        "no tls",
+        "no bridge",
+        "bridge of another computer",
+        "robot called desk",
+        "robot called operator",
+    ],
 )
-def test_a_mission_that_is_not_one_for_the_field_is_refused(
+def test_mission_unfit_for_field_is_refused(
     keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], output: str
 ) -> None:
     source = tmp_path / "changed.toml"
@@ -257,14 +262,14 @@ def test_a_mission_that_is_not_one_for_the_field_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_robot_without_a_certificate_is_refused(
+def test_missing_or_mismatched_certificate_is_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(source, tmp_path / "nowhere", tmp_path / "out")) == 2
     output = capsys.readouterr().err
     assert "no certificate for leader; `formation deploy certificates MISSION --out" in output
     assert "nowhere` issues one" in output
-    source.write_text(TEXT.replace("robot2", "robot4"))  # who has joined the mission since
+    source.write_text(TEXT.replace("robot2", "robot4"))  # a robot without a certificate
     assert main(command(source, keys, tmp_path / "out")) == 2
     assert "no certificate for robot4; `formation deploy" in (output := capsys.readouterr().err)
     assert f"--out {keys} --renew` issues one" in output
@@ -274,7 +279,7 @@ def test_a_robot_without_a_certificate_is_refused(
     assert "is not the key of" in capsys.readouterr().err
 
 
-def test_a_certificate_that_has_expired_is_refused(
+def test_expired_certificate_is_refused(
     source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     keys = tmp_path / "old"
@@ -283,7 +288,7 @@ def test_a_certificate_that_has_expired_is_refused(
     assert "leader/certificate.pem: has expired on" in capsys.readouterr().err
 
 
-def test_certificates_of_another_mission_are_refused(
+def test_certificate_for_another_address_is_refused(
     keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = tmp_path / "elsewhere.toml"
@@ -304,7 +309,7 @@ def test_certificates_of_two_authorities_are_refused(
 
 
 @pytest.mark.parametrize("foreign", ["thesis.tex", "robot9", "robot1"])
-def test_a_folder_with_other_things_in_it_is_left_alone(
+def test_folder_with_foreign_file_is_refused_and_unchanged(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], foreign: str
 ) -> None:
     out = tmp_path / "out"
@@ -315,7 +320,7 @@ def test_a_folder_with_other_things_in_it_is_left_alone(
     assert {path.name for path in out.iterdir()} == {foreign}
 
 
-def test_files_put_among_bundles_are_not_lost(
+def test_foreign_file_among_bundles_is_refused_and_kept(
     make: Make, source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make()
@@ -326,7 +331,7 @@ def test_files_put_among_bundles_are_not_lost(
     assert note.exists()
 
 
-def test_a_place_that_cannot_be_written_is_refused(
+def test_unwritable_output_folder_is_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()
@@ -334,7 +339,7 @@ def test_a_place_that_cannot_be_written_is_refused(
     assert "Not a directory" in capsys.readouterr().err
 
 
-def test_a_unit_that_cannot_be_is_refused_before_anything_is_fetched(
+def test_illegal_unit_name_is_refused_before_wheels_are_fetched(
     source: Path, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fetched = []
@@ -344,11 +349,15 @@ def test_a_unit_that_cannot_be_is_refused_before_anything_is_fetched(
     assert not fetched
 
 
-def test_platforms_and_pythons_that_there_are_no_wheels_for_are_refused(
+def test_unsupported_platform_python_and_bringup_are_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for flags in (["--python", "3.10"], ["--platform", "armv7l"], ["--bringup", "ros2 launch"]):
-        assert main(command(source, keys, tmp_path / "out", *flags)) == 2
+    for flag, value, legal in (
+        ("--python", "3.10", "3.11"),
+        ("--platform", "armv7l", "aarch64"),
+        ("--bringup", "ros2 launch", "turtlebot3.service"),
+    ):
+        assert main(command(source, keys, tmp_path / "out", flag, value)) == 2
         output = capsys.readouterr().err
-        assert flags[1] in output
-        assert "3.11" in output or "aarch64" in output or "turtlebot3.service" in output
+        assert value in output
+        assert legal in output

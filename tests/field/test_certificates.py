@@ -1,4 +1,4 @@
-"""Certificates: what they say, that only we can read the keys, and what is refused before harm is done."""
+"""Certificates: contents, file modes, renewal and refusals."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def test_every_process_certificate_has_its_name_and_address(secrets: Path) -> No
         assert (ExtendedKeyUsageOID.SERVER_AUTH in uses) == (name in PAIR.robots)
 
 
-def test_a_host_may_have_a_name_instead_of_an_address(tmp_path: Path) -> None:
+def test_certificate_accepts_host_name_instead_of_address(tmp_path: Path) -> None:
     mission = listening(PAIR, {"robot1": "tls/robot1.local:7460", "robot2": "tls/10.77.0.12:7460"})
     folder = made(tmp_path / "secrets", mission)
     for robot, place in (("robot1", "robot1.local"), ("robot2", "10.77.0.12")):
         assert list(authority.addresses(certificates.read(folder, robot, NOW).certificate)) == [place]
 
 
-def test_certificates_begin_in_the_past_and_none_outlives_the_authority(tmp_path: Path) -> None:
+def test_certificate_begins_in_past_and_never_outlives_authority(tmp_path: Path) -> None:
     folder = tmp_path / "secrets"
     made_now = certificates.create(PAIR, folder, days=30.0, authority_days=7.0, now=NOW)
     assert made_now["ca"].expires == NOW + timedelta(days=7)
@@ -100,7 +100,7 @@ def test_folder_readable_by_others_is_refused(tmp_path: Path) -> None:
     assert list(folder.iterdir()) == []
 
 
-def test_a_robots_folder_that_was_opened_later_is_refused(secrets: Path) -> None:
+def test_renewal_refuses_robot_folder_readable_by_others(secrets: Path) -> None:
     before = (secrets / "robot1" / "key.pem").read_bytes()
     (secrets / "robot1").chmod(0o750)
     with pytest.raises(Refusal, match=r"robot1: others on this machine may look into it"):
@@ -108,7 +108,7 @@ def test_a_robots_folder_that_was_opened_later_is_refused(secrets: Path) -> None
     assert (secrets / "robot1" / "key.pem").read_bytes() == before
 
 
-def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path) -> None:
+def test_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "home"
     folder.mkdir(mode=0o700)
     (folder / "diary").touch()
@@ -117,14 +117,14 @@ def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["diary"]
 
 
-def test_existing_keys_are_never_overwritten_unasked(secrets: Path) -> None:
+def test_existing_keys_are_kept_without_renew(secrets: Path) -> None:
     before = {path: path.read_bytes() for path in secrets.rglob("*.pem")}
     with pytest.raises(Refusal, match="holds keys already; --renew"):
         made(secrets)
     assert {path: path.read_bytes() for path in secrets.rglob("*.pem")} == before
 
 
-def test_renewal_brings_new_keys_under_the_same_authority(secrets: Path) -> None:
+def test_renewal_makes_new_keys_under_same_authority(secrets: Path) -> None:
     root = certificates.read_authority(secrets)
     before = certificates.read(secrets, "robot1", NOW)
     later = NOW + timedelta(days=20)
@@ -137,7 +137,7 @@ def test_renewal_brings_new_keys_under_the_same_authority(secrets: Path) -> None
     assert not list(secrets.rglob(".*.pem.*"))
 
 
-def test_renewal_needs_an_authority_that_is_there_and_has_not_expired(secrets: Path, tmp_path: Path) -> None:
+def test_renewal_refuses_missing_or_expired_authority(secrets: Path, tmp_path: Path) -> None:
     with pytest.raises(Refusal, match="no authority to renew under; leave out --renew"):
         renewed(tmp_path / "nowhere")
     assert not (tmp_path / "nowhere").exists()
@@ -152,7 +152,7 @@ def test_certificate_of_former_robot_is_named_while_valid(secrets: Path) -> None
     assert "leader: not in this mission, but its certificate is good until 2026-07-01" in text
 
 
-def test_certificates_that_would_not_work_are_refused_with_the_reason(secrets: Path) -> None:
+def test_read_refuses_unusable_certificates_with_reason(secrets: Path) -> None:
     with pytest.raises(Refusal, match="no certificate for robot9"):
         certificates.read(secrets, "robot9", NOW)
     with pytest.raises(Refusal, match="expired on 2026-07-01 12:00 UTC; renew"):
@@ -194,7 +194,7 @@ def test_mission_unfit_for_field_is_refused(
     assert not (tmp_path / "secrets").exists()
 
 
-def test_no_robot_can_be_called_as_a_visitor_is(tmp_path: Path) -> None:
+def test_robot_named_monitor_is_refused(tmp_path: Path) -> None:
     data = PAIR.model_dump()
     data["robots"]["monitor"] = data["robots"].pop("robot2")
     data["shapes"]["triangle"]["monitor"] = data["shapes"]["triangle"].pop("robot2")
@@ -203,7 +203,7 @@ def test_no_robot_can_be_called_as_a_visitor_is(tmp_path: Path) -> None:
 
 
 def mission_file(folder: Path) -> Path:
-    """The shipped pair with endpoints, as a user writes it."""
+    """Write the shipped pair with endpoints, as a user does; return the file."""
     text = (Path(cli.__file__).parent / "missions" / "turtlebot3_pair.toml").read_text()
     for number, name in enumerate(PAIR.names):
         table = f"[robots.{name}]\n"
@@ -214,9 +214,7 @@ def mission_file(folder: Path) -> Path:
     return folder / "field.toml"
 
 
-def test_the_command_tells_people_and_scripts_what_expires_when(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_expiry_as_text_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mission, folder = mission_file(tmp_path), tmp_path / "secrets"
     requested = ["deploy", "certificates", str(mission), "--out", str(folder), "--json", "--days", "7"]
     assert cli.main(requested) == 0

@@ -1,4 +1,4 @@
-"""The desk of a secured team: the monitor's certificate watches, and only the operator's gives orders."""
+"""The desk of a secured team: the monitor's certificate permits watching, the operator's permits orders."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class Answer(NamedTuple):
 
 
 class Page:
-    """The page of a monitor at the desk."""
+    """The live page of a monitor at the desk."""
 
     def __init__(self, team: Team, monitor: Running) -> None:
         self._team, self._monitor = team, monitor
         self.address, _, self.token = monitor.event("ready")["page"].partition("#token=")
 
     def order(self, do: str, token: str = "") -> Answer:
-        """Given at the desk, where the page is served."""
+        """Send an operator request to the page, from the desk."""
         body = json.dumps({"do": do})
         command = (sys.executable, "-c", ORDER, self.address, token or self.token, body)
         return Answer(*json.loads(self._team.desk_computer.run(*command).stdout))
 
     def links(self) -> int:
-        """With robots, of the monitor and of the operator behind its page."""
+        """Number of links of the monitor and of its page's operator with robots."""
         return len(self._team.desk_computer.links(self._monitor.pid))
 
     def receives_all(self) -> bool:
@@ -73,7 +73,7 @@ def monitored(team: Team, *flags: str) -> Iterator[Page]:
     watching = ("-c", str(team.desk.file("monitor")), "--no-record", "--snapshots", "--page", "127.0.0.1:0")
     monitor = team.desk_computer.start(*team.formation("monitor", *watching, "--control", *flags))
     page = Page(team, monitor)
-    until(page.receives_all, what="the monitor hears everybody")
+    until(page.receives_all, what="the monitor receives all robots")
     try:
         yield page
     finally:
@@ -89,30 +89,30 @@ def stands(team: Team) -> bool:
 
 
 def drives_on(team: Team, since: float) -> None:
-    """Says so, and does: who has been stopped stays stopped."""
-    until(lambda: len(team.states(since)) > 0, what="the victim has said how it is")
+    """Check by status and commands that the victim drives on and was not stopped."""
+    until(lambda: len(team.states(since)) > 0, what="a status of the victim")
     until(team.settled, 60.0, "the victim drives straight")
     assert "stop" not in team.states(since)
 
 
-def test_only_monitor_certificate_can_watch_the_team(team: Team) -> None:
+def test_watch_needs_monitor_certificate(team: Team) -> None:
     def watched(*flags: str) -> tuple[int, str, str]:
-        """One look: exit code, output, errors."""
+        """Run `formation watch --once`: exit code, output, errors."""
         done = team.desk_computer.run(*team.formation("watch", "--once", *flags))
         return done.returncode, done.stdout, done.stderr
 
     code, out, errors = watched("--json", "-c", str(team.desk.file("monitor")))
     states = {name: robot["state"] for name, robot in json.loads(out)["robots"].items()}
     assert set(states) == ALL, errors
-    assert states.pop("robot3") == "unseen"  # which is not here
-    assert set(states.values()) <= {"run", "hold"}  # a moment's hold, where this machine stood still
+    assert states.pop("robot3") == "unseen"  # it is absent
+    assert set(states.values()) <= {"run", "hold"}  # a short hold, if this machine was busy
     assert code == 1
 
     code, out, errors = watched()
     assert (code, out) == (1, "")
     assert "no process answers at tls/" in errors
     assert "-c FILE" in errors
-    assert team.states(0.0) - {"waiting", "hold"} == {"run"}  # none of which has disturbed anybody
+    assert team.states(0.0) - {"waiting", "hold"} == {"run"}  # watching disturbed no robot
 
 
 def test_order_without_certificate_explains_missing_option(team: Team) -> None:
@@ -129,10 +129,10 @@ def test_operator_certificate_lets_page_stop_and_release_team(team: Team) -> Non
         since = time.monotonic()
         stop = page.order("stop")
         assert (stop.status, stop.obeyed, stop.report["missing"]) == (200, HERE, ["robot3"])
-        until(lambda: "stop" in team.states(since), what="the victim says that it is stopped")
+        until(lambda: "stop" in team.states(since), what="the victim reports stop")
         until(lambda: stands(team), what="the victim stands")
-        until(lambda: page.order("release").status == 200, what="a release is taken")
-        until(lambda: page.order("run").status == 200, what="a run is taken")
+        until(lambda: page.order("release").status == 200, what="a release is accepted")
+        until(lambda: page.order("run").status == 200, what="a run is accepted")
         until(team.settled, 60.0, "the victim drives straight again")
     assert team.refused() == before
 

@@ -1,4 +1,4 @@
-"""Bundles in a field: installed by themselves, each robot on a computer of its own, mTLS and ACL on."""
+"""Installed bundles in a field: each robot on a computer of its own, with mTLS and access control."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.support.namespaces import Computer, Field, Running, until
 pytestmark = pytest.mark.namespaces
 
 NEAR = 0.02
-"""A formation error that is no longer one [m]."""
+"""Formation error below which the robots are in formation [m]."""
 
 
 @pytest.fixture(scope="module")
 def team(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Deployed]:
-    """The mission, running. Tests are in the order in which things happen to it."""
+    """The running mission; the tests depend on their order."""
     folder = tmp_path_factory.mktemp("field")
     with Field() as field:
         team = Deployed(field, bundles, folder / "robots")
@@ -42,19 +42,19 @@ def snapshot(team: Deployed) -> dict[str, Any]:
 
 
 def agents(team: Deployed) -> dict[str, Running]:
-    """The process of each robot that talks to the others, the leader's among them."""
+    """The agent of each follower, and the leader process."""
     mission = team.mission
     unit = {name: f"formation-{'leader' if name == mission.leader else 'agent'}" for name in mission.names}
     return {name: team.running[name, unit[name]] for name in mission.names}
 
 
 def listening(computer: Computer) -> set[str]:
-    """Addresses that a computer accepts connections at."""
+    """Addresses at which a computer accepts connections."""
     done = computer.run("ss", "-tlnH")
     return {line.split()[3] for line in done.stdout.splitlines()}
 
 
-def test_nothing_moves_before_an_operator_says_so(team: Deployed) -> None:
+def test_team_holds_until_operator_orders_run(team: Deployed) -> None:
     until(lambda: snapshot(team)["mode"] == "hold")
     assert not any(snapshot(team)["robots"][name]["speed"] for name in team.mission.followers)
     done = team.order("run")
@@ -82,14 +82,14 @@ def test_agent_links_are_neighbours_and_monitor_only(team: Deployed) -> None:
     assert {link.peer for link in desk} == {address[name] for name in team.mission.names}
 
 
-def test_a_robot_is_reached_at_its_agents_port_and_nowhere_else(team: Deployed) -> None:
+def test_robot_listens_only_on_agent_port_and_loopback(team: Deployed) -> None:
     for name in team.mission.names:
         own = {} if name == team.mission.leader else {"127.0.0.1:7447"}
         assert listening(team.computers[name]) == {f"{team.computers[name].address}:7460", *own}
-    assert listening(team.desk) == {"127.0.0.1:8460"}, "but for the page, which it shows to itself alone"
+    assert listening(team.desk) == {"127.0.0.1:8460"}, "only the page, on loopback"
 
 
-def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:
+def test_monitor_receives_every_robot_at_its_rate(team: Deployed) -> None:
     def received(robot: dict[str, Any]) -> bool:
         return bool(robot["rate"] == pytest.approx(20.0, rel=0.1) and robot["age"] < 0.5)
 
@@ -97,7 +97,7 @@ def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:
     assert set(snapshot(team)["robots"]) == set(team.mission.names)
 
 
-def test_an_operators_stop_is_acknowledged_by_all_and_they_stand(team: Deployed) -> None:
+def test_operator_stop_is_acknowledged_and_robots_stand(team: Deployed) -> None:
     done = team.order("stop")
     assert done.returncode == 0, done.stdout + done.stderr
     answers = json.loads(done.stdout.splitlines()[-1])
@@ -107,14 +107,14 @@ def test_an_operators_stop_is_acknowledged_by_all_and_they_stand(team: Deployed)
     assert time.monotonic() - standing < 5.0
 
 
-def test_the_monitor_cannot_give_orders(team: Deployed) -> None:
+def test_monitor_certificate_cannot_give_orders(team: Deployed) -> None:
     done = team.order("release", process="monitor")
     assert done.returncode == 1
     assert json.loads(done.stdout.splitlines()[-1])["missing"] == list(team.mission.names)
     assert snapshot(team)["mode"] == "stop"
 
 
-def test_no_message_of_the_mission_is_refused(team: Deployed) -> None:
+def test_mission_messages_are_never_refused(team: Deployed) -> None:
     robots = team.mission.robots
     summaries = {}
     for key, running in team.running.items():
@@ -122,12 +122,12 @@ def test_no_message_of_the_mission_is_refused(team: Deployed) -> None:
         summaries[key] = running.event("summary")
     for name, process in agents(team).items():
         result = process.event("summary")
-        # the leader hears what those who measure it relay: how things stood, should it have died
+        # the leader receives the orders that its dependants relay, to restore its plan after a restart
         requested = ["robot1"] if name == team.mission.leader else robots[name].neighbours
         received = {POSITION.key(other) for other in requested}
         assert set(result["received"]) == received, name
         assert {POSITION.key(name), STATUS.key(name)} <= set(result["published"])
-        refused = {word for word in result["refused"] if "/order" not in word}  # those were the monitor's
+        refused = {word for word in result["refused"] if "/order" not in word}  # orders of the monitor
         assert not refused, name
     for name in team.mission.followers:
         result = summaries[name, "formation-agent"]["robot"]

@@ -1,4 +1,4 @@
-"""What the robots run, told over real ssh, and back to what they ran before."""
+"""`formation deploy status` and `rollback` over real ssh."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def test_rollback_names_robots_without_earlier_release(
     assert "robot1  r2 -> r1" in output
     assert "robot2  FAILED  there is no release before r1" in output
     assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r1"]
-    assert field.deploy("rollback", "--only", "robot1") == 1  # one back, and not further
+    assert field.deploy("rollback", "--only", "robot1") == 1  # only one release back
     assert field.deploy("push", "--only", "robot1") == 0
     assert field.current("robot1") == "r2"
 
 
-def test_status_says_what_runs_and_since_when(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+def test_status_reports_installed_release_and_time(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     assert field.deploy("status") == 1
     assert capsys.readouterr().out.count("! nothing is installed") == 3
     assert field.deploy("push") == 0
@@ -45,7 +45,7 @@ def test_status_says_what_runs_and_since_when(field: Field, capsys: pytest.Captu
     assert abs(robot["now"] - robot["since"]) < 60.0
 
 
-def test_status_names_what_is_not_as_in_the_bundles(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+def test_status_names_differences_from_bundles(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     assert field.deploy("push") == 0
     field.bundle("robot1", "r2")
     (field.prefix("robot2") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
@@ -59,10 +59,10 @@ def test_status_names_what_is_not_as_in_the_bundles(field: Field, capsys: pytest
     assert output.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"
 
 
-def test_what_is_bundled_can_be_pushed_taken_back_and_pushed_again(
+def test_bundle_can_be_pushed_rolled_back_and_pushed_again(
     bundles: Path, tmp_path: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the install.sh that robots get, and real releases."""
+    """With the real install.sh and real releases."""
     folder = tmp_path / "field"
     words = [str(folder), "--prefix", str(tmp_path / "formation"), "--no-systemd", *server.options, "--json"]
     words += ["--host", "robot1=127.0.0.1"]
@@ -85,9 +85,7 @@ def test_what_is_bundled_can_be_pushed_taken_back_and_pushed_again(
     assert (again["release"], again["files"], again["installed"]) == (second, 0, True)
 
 
-def test_a_leader_on_the_desk_is_left_out_unless_named(
-    field: Field, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_push_skips_local_leader_unless_named(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     for name, role in (("robot1", "leader"), ("robot2", "agent")):  # both are on this machine
         path = field.bundles / name / "VERSION.json"
         path.write_text(json.dumps({**json.loads(path.read_text()), "role": role}), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The thief of a robot's key relays orders that no leader gave, over real links: all are refused."""
+"""Forged orders, relayed with a stolen robot key over real links: all are refused."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ NUMBER = 30
 
 
 class Held(NamedTuple):
-    """A team that its leader holds, and what robot1 said before its key was stolen."""
+    """A team in hold, and messages of robot1 from before its key was stolen."""
 
     team: Team
     ran: list[PositionAttachment]
-    """Newest last; while the leader said run."""
+    """Messages with an order to run, newest last."""
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def signer(team: Team, name: str) -> Signer:
 
 
 def changed(held: Held, **changes: Any) -> dict[str, Any]:
-    """The newest order to run with changes, under the signature that it had."""
+    """The newest order to run with changes, and its old signature."""
     newest = held.ran[-1]
     assert newest.order is not None
     what = newest.order.model_copy(update={"beat": newest.order.beat + 100_000, **changes})
@@ -73,13 +73,13 @@ def signed_by_thief(held: Held, text: str) -> str:
 
 
 def of_another_mission(held: Held) -> dict[str, Any]:
-    """The leader's key signs for two missions; the robots have this one."""
+    """An order that the leader's key has signed for another mission."""
     text = changed(held)["signed"]
     return {"signed": text, "signature": signer(held.team, "leader").sign(order.statement("another", text))}
 
 
 def rogue_certificate(held: Held) -> dict[str, Any]:
-    """The leader's name, by an authority with the right name."""
+    """A certificate with the leader's name by a foreign authority of the same name."""
     ours = certificates.read_authority(held.team.desk.folder)
     rogue = authority.new_authority(ours.name, 1.0, datetime.now(UTC))
     text = "".join(
@@ -91,7 +91,7 @@ def rogue_certificate(held: Held) -> dict[str, Any]:
 
 
 WRONG = "order not signed by leader: wrong signature"
-SHUNNED = "order not signed by leader: after 3 wrong signatures"
+AFTER_THREE = "order not signed by leader: after 3 wrong signatures"
 FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] = {
     "unsigned": (
         lambda held: {"order": json.loads(changed(held)["signed"])},
@@ -101,13 +101,13 @@ FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] =
         lambda held: {"order": json.loads(changed(held, term=time.time_ns() // 64 * 64)["signed"])},
         ("order not signed by leader: it has no signature",),
     ),
-    "of a term of nobody's": (
+    "term of no candidate": (
         lambda held: changed(held, term=time.time_ns() // 64 * 64 + 7),
         ("order not signed by leader: term",),
     ),
-    "higher beat": (changed, (WRONG, SHUNNED)),
-    "stop": (lambda held: changed(held, mode="stop"), (WRONG, SHUNNED)),
-    "another mission": (of_another_mission, (WRONG, SHUNNED)),
+    "higher beat": (changed, (WRONG, AFTER_THREE)),
+    "stop": (lambda held: changed(held, mode="stop"), (WRONG, AFTER_THREE)),
+    "another mission": (of_another_mission, (WRONG, AFTER_THREE)),
     "own certificate": (
         lambda held: {"certificate": signer(held.team, THIEF).certificate},
         ("order not signed by a candidate: 'robot1' is none", "order not signed by a candidate: after"),
@@ -123,7 +123,7 @@ FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] =
 
 
 def relayed(held: Held, fields: dict[str, Any]) -> None:
-    """Have the thief say so, as robot1 does: where it is, and with rising counts and beats."""
+    """Publish positions of robot1 with `fields`, with rising counts and beats."""
     publisher_id = secrets.token_hex(8)
     attachments = []
     for count in range(NUMBER):
@@ -138,7 +138,7 @@ def relayed(held: Held, fields: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("kind", list(FORGERIES))
-def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
+def test_forged_order_is_refused_and_named(held: Held, kind: str) -> None:
     team, (forgery, whys) = held.team, FORGERIES[kind]
     start = time.monotonic()
     relayed(held, forgery(held))
@@ -148,11 +148,11 @@ def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
     )
     assert team.states(since=start) == {"hold"}
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
-    time.sleep(0.2)  # the next publisher may speak for robot1
+    time.sleep(0.2)  # until another publisher of robot1 is accepted
 
 
-def test_recorded_orders_change_nothing(held: Held) -> None:
-    """With right signatures; the leader has said hold since."""
+def test_replayed_orders_change_nothing(held: Held) -> None:
+    """Their signatures are right, but the leader has ordered hold since."""
     team, start, publisher_id = held.team, time.monotonic(), secrets.token_hex(8)
     attachments = []
     for count, one in enumerate(held.ran):
@@ -164,8 +164,8 @@ def test_recorded_orders_change_nothing(held: Held) -> None:
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
 
 
-def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
-    """Its certificate is not taken, so nothing that it signs ever counts."""
+def test_order_signed_by_follower_is_dropped(held: Held) -> None:
+    """The follower's certificate is not accepted for orders."""
     text = changed(held)["signed"]
     start = time.monotonic()
     relayed(held, {"signed": text, "signature": signed_by_thief(held, text)})
@@ -177,7 +177,7 @@ def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
 
 
 def test_leader_reports_forgeries(held: Held) -> None:
-    """It is linked with robot1 as well."""
+    """The leader is linked with robot1 as well."""
     fields = {"order": json.loads(changed(held)["signed"])}
     decoded = PositionAttachment.model_validate(
         {"publisher_id": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}

@@ -1,4 +1,4 @@
-"""The script that installs a bundle on a robot."""
+"""install.sh, which installs a bundle on a robot."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ import pytest
 
 from formation.deploy.fleet import bundle, units, wheels
 from tests.field.deployed import HERE, commands, install
-from tests.field.light import Made, light, release
+from tests.field.light import MakeBundle, light, release
 from tests.support.namespaces import until
 from tests.support.needs import path_of
 
 SCRIPT = Path(bundle.__file__).with_name("install.sh")
 ROOM = 145e6
-"""What a robot's install may take up [bytes]."""
+"""Largest size of a robot's installation [bytes]."""
 
 
 @pytest.fixture(scope="module")
 def whole(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A prefix with all that a robot needs; not to be changed."""
+    """A prefix with a whole installation; do not change it."""
     prefix = tmp_path_factory.mktemp("robot1") / "formation"
     done = install(bundles / "robot1", prefix, "--no-systemd")
     assert done.returncode == 0, done.stderr
@@ -47,7 +47,7 @@ def state(folder: Path) -> dict[str, tuple[int, int]]:
     return {name: (found.st_mode, found.st_mtime_ns) for name, found in named}
 
 
-def test_what_is_installed_runs_and_fits_on_a_robot(whole: Path) -> None:
+def test_installation_runs_and_takes_under_145_mb(whole: Path) -> None:
     formation = whole / "current" / "venv" / "bin" / "formation"
     done = subprocess.run(
         [formation, "check", whole / "current" / "mission.toml", "--json"],
@@ -62,7 +62,7 @@ def test_what_is_installed_runs_and_fits_on_a_robot(whole: Path) -> None:
     assert sum(path.stat().st_size for path in files) < ROOM
 
 
-def test_what_is_installed_names_its_own_place(whole: Path) -> None:
+def test_installed_files_name_their_own_prefix(whole: Path) -> None:
     here = whole / "current"
     settings = (here / "zenoh.json5").read_text()
     assert str(here / "certificates" / "key.pem") in settings
@@ -86,7 +86,7 @@ def test_keys_are_private_and_other_files_readable(whole: Path) -> None:
     assert not others, "others may write"
 
 
-def test_a_second_run_does_nothing_and_says_so(bundles: Path, whole: Path) -> None:
+def test_second_install_changes_nothing(bundles: Path, whole: Path) -> None:
     before = state(whole)
     done = install(bundles / "robot1", whole, "--no-systemd")
     assert (done.returncode, done.stderr) == (0, "")
@@ -94,17 +94,17 @@ def test_a_second_run_does_nothing_and_says_so(bundles: Path, whole: Path) -> No
     assert state(whole) == before
 
 
-def test_a_dry_run_says_what_it_would_do_and_does_nothing(made: Made, tmp_path: Path) -> None:
-    one = made()
+def test_dry_run_prints_plan_and_changes_nothing(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    one = make_bundle()
     done = install(one, tmp_path / "prefix", "--no-systemd", "--dry-run")
     assert done.returncode == 0
     assert f"would install release {release(one)}" in done.stdout
     assert not (tmp_path / "prefix").exists()
 
 
-def test_releases_follow_each_other_and_three_are_kept(made: Made, tmp_path: Path) -> None:
+def test_install_switches_release_and_keeps_three(make_bundle: MakeBundle, tmp_path: Path) -> None:
     prefix = tmp_path / "prefix"
-    bundles = [made(name) for name in ("one", "two", "three", "four")]
+    bundles = [make_bundle(name) for name in ("one", "two", "three", "four")]
     names = [release(one) for one in bundles]
     assert len(set(names)) == 4
     for number, one in enumerate(bundles):
@@ -114,13 +114,13 @@ def test_releases_follow_each_other_and_three_are_kept(made: Made, tmp_path: Pat
             assert (prefix / "previous").readlink().name == names[number - 1]
         time.sleep(0.01)  # releases are kept by when they were used
     assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
-    assert install(bundles[1], prefix, "--no-systemd").returncode == 0  # back to one that is still there
+    assert install(bundles[1], prefix, "--no-systemd").returncode == 0  # back to a release that was kept
     assert current(prefix) == names[1]
     assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
 
 
-def test_what_was_interrupted_is_never_used_and_is_made_anew(made: Made, tmp_path: Path) -> None:
-    prefix, one, two = tmp_path / "prefix", made("one"), made("two")
+def test_interrupted_install_is_not_used_and_is_repeated(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    prefix, one, two = tmp_path / "prefix", make_bundle("one"), make_bundle("two")
     assert install(one, prefix, "--no-systemd").returncode == 0
     half = prefix / "releases" / release(two)
     with subprocess.Popen(
@@ -141,10 +141,10 @@ def test_what_was_interrupted_is_never_used_and_is_made_anew(made: Made, tmp_pat
     assert not (half / "left over").exists()
 
 
-def test_a_release_that_does_not_run_here_is_not_switched_to(made: Made, tmp_path: Path) -> None:
-    prefix, one = tmp_path / "prefix", made("one")
+def test_release_that_cannot_run_is_not_activated(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    prefix, one = tmp_path / "prefix", make_bundle("one")
     assert install(one, prefix, "--no-systemd").returncode == 0
-    broken = made("two", zenoh="raise ImportError('GLIBC_2.99 not found')")
+    broken = make_bundle("two", zenoh="raise ImportError('GLIBC_2.99 not found')")
     done = install(broken, prefix, "--no-systemd")
     assert done.returncode == 1
     assert "GLIBC_2.99 not found" in done.stderr
@@ -152,8 +152,8 @@ def test_a_release_that_does_not_run_here_is_not_switched_to(made: Made, tmp_pat
     assert current(prefix) == release(one)
 
 
-def test_a_wheel_that_is_not_what_was_bundled_is_not_installed(made: Made, tmp_path: Path) -> None:
-    prefix, one = tmp_path / "prefix", made()
+def test_wheel_with_wrong_hash_is_not_installed(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    prefix, one = tmp_path / "prefix", make_bundle()
     (wheel,) = (one / "wheels").glob("zenoh_formation-*.whl")
     wheel.write_bytes(wheel.read_bytes() + b"\0")
     done = install(one, prefix, "--no-systemd")
@@ -162,8 +162,8 @@ def test_a_wheel_that_is_not_what_was_bundled_is_not_installed(made: Made, tmp_p
     assert current(prefix) == ""
 
 
-def test_a_package_that_is_in_no_list_is_not_fetched(made: Made, tmp_path: Path) -> None:
-    one = made()
+def test_package_missing_from_bundle_is_not_fetched(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    one = make_bundle()
     with (one / "wheels" / "requirements.txt").open("a") as file:
         file.write(f"numpy==2.4.6 --hash=sha256:{'0' * 64}\n")
     done = install(one, tmp_path / "prefix", "--no-systemd")
@@ -171,7 +171,7 @@ def test_a_package_that_is_in_no_list_is_not_fetched(made: Made, tmp_path: Path)
     assert "No matching distribution found for numpy==2.4.6" in done.stderr
 
 
-def test_a_robot_with_internet_fetches_what_its_bundle_leaves_out(bundles: Path, tmp_path: Path) -> None:
+def test_bundle_without_wheels_fetches_packages(bundles: Path, tmp_path: Path) -> None:
     one = light(bundles / "robot1", tmp_path / "one", wheels=False)
     (small,) = (pin for pin in wheels.robot_pins(HERE) if pin.name == "typing-inspection")
     with (one / "wheels" / "requirements.txt").open("a") as file:
@@ -191,10 +191,10 @@ def test_a_robot_with_internet_fetches_what_its_bundle_leaves_out(bundles: Path,
         ({"release": ""}, "cannot be read: make the bundle again"),
     ],
 )
-def test_a_bundle_for_another_machine_is_refused_in_a_sentence(
-    made: Made, tmp_path: Path, facts: dict[str, str], result: str
+def test_bundle_for_another_machine_or_without_release_is_refused(
+    make_bundle: MakeBundle, tmp_path: Path, facts: dict[str, str], result: str
 ) -> None:
-    done = install(made(**facts), tmp_path / "prefix", "--no-systemd")
+    done = install(make_bundle(**facts), tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 2
     assert result in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -210,7 +210,7 @@ def test_a_bundle_for_another_machine_is_refused_in_a_sentence(
         (["--prefix", "/"], "named with letters, digits"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(
+def test_illegal_flags_are_refused_in_one_line(
     bundles: Path, tmp_path: Path, flags: list[str], result: str
 ) -> None:
     done = install(bundles / "robot1", tmp_path / "prefix", "--no-systemd", *flags)
@@ -220,8 +220,8 @@ def test_what_cannot_be_is_refused_in_a_sentence(
 
 
 @pytest.mark.parametrize("part", [bundle.VERSION, "mission.toml", "certificates/key.pem"])
-def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, part: str) -> None:
-    one = made()
+def test_incomplete_bundle_is_refused(make_bundle: MakeBundle, tmp_path: Path, part: str) -> None:
+    one = make_bundle()
     (one / part).unlink()
     done = install(one, tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 2
@@ -230,34 +230,34 @@ def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, p
     assert not (tmp_path / "prefix").exists()
 
 
-def test_a_machine_that_becomes_another_robot_says_so(made: Made, tmp_path: Path) -> None:
+def test_install_reports_change_of_robot(make_bundle: MakeBundle, tmp_path: Path) -> None:
     for name, robot, result in (
         ("one", "robot1", False),
         ("two", "robot1", False),
         ("three", "robot2", True),
     ):
-        done = install(made(name, robot=robot), tmp_path / "prefix", "--no-systemd")
+        done = install(make_bundle(name, robot=robot), tmp_path / "prefix", "--no-systemd")
         assert done.returncode == 0, done.stderr
         assert ("this machine was robot1, and is robot2 now" in done.stdout) is result
 
 
-def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None:
+def test_install_refuses_while_another_is_running(make_bundle: MakeBundle, tmp_path: Path) -> None:
     prefix = tmp_path / "prefix"
     prefix.mkdir()
     with (prefix / ".install.lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        done = install(made(), prefix, "--no-systemd")
+        done = install(make_bundle(), prefix, "--no-systemd")
     assert done.returncode == 2
     assert "another installation is running" in done.stderr
 
 
 @pytest.mark.shellcheck
-def test_the_script_is_one_that_shellcheck_has_nothing_against() -> None:
+def test_shellcheck_finds_nothing_in_install_script() -> None:
     done = subprocess.run([path_of("shellcheck"), SCRIPT], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
-def test_what_a_bundle_says_of_itself_is_what_is_installed(bundles: Path, whole: Path) -> None:
+def test_installed_version_file_equals_that_of_bundle(bundles: Path, whole: Path) -> None:
     result = json.loads((whole / "current" / "VERSION.json").read_text())
     assert result == json.loads((bundles / "robot1" / "VERSION.json").read_text())
     assert result["release"] == current(whole)

@@ -1,4 +1,4 @@
-"""The script that installs a bundle, where there is a systemd: users, units, and what is started."""
+"""install.sh with systemd: user, units and started services."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.field.light import Made
+from tests.field.light import MakeBundle
 from tests.support.needs import path_of
 
 pytestmark = pytest.mark.namespaces
 
 
 class Host:
-    """This machine with another /etc, a Python outside anybody's home, and a systemctl that notes."""
+    """This machine with another /etc, a Python outside home directories, and a systemctl that logs calls."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.units = folder, folder / "etc" / "systemd" / "system"
@@ -57,7 +57,7 @@ class Host:
 
     @property
     def calls(self) -> list[str]:
-        """What systemd was asked to change."""
+        """Calls of systemctl that change something."""
         return [line for line in self.call_log.read_text().splitlines() if "is-active" not in line]
 
 
@@ -66,9 +66,9 @@ def host(tmp_path: Path) -> Host:
     return Host(tmp_path / "host")
 
 
-def test_units_are_installed_and_started_with_own_user(made: Made, host: Host) -> None:
+def test_units_are_installed_and_started_with_own_user(make_bundle: MakeBundle, host: Host) -> None:
     host.active.touch()
-    one = made()
+    one = make_bundle()
     done = host.install(one)
     assert done.returncode == 0, done.stderr
     names = "formation-agent.service formation-watchdog.service"
@@ -90,8 +90,8 @@ def test_units_are_installed_and_started_with_own_user(made: Made, host: Host) -
     assert host.calls == []
 
 
-def test_changed_unit_is_restored(made: Made, host: Host) -> None:
-    one = made()
+def test_changed_unit_is_restored(make_bundle: MakeBundle, host: Host) -> None:
+    one = make_bundle()
     assert host.install(one).returncode == 0
     unit = host.units / "formation-watchdog.service"
     right = unit.read_text()
@@ -102,25 +102,25 @@ def test_changed_unit_is_restored(made: Made, host: Host) -> None:
     assert unit.read_text() == right
 
 
-def test_without_a_bring_up_that_runs_only_the_watchdog_starts(made: Made, host: Host) -> None:
-    done = host.install(made())
+def test_only_watchdog_starts_without_running_bringup(make_bundle: MakeBundle, host: Host) -> None:
+    done = host.install(make_bundle())
     assert done.returncode == 0, done.stderr
     assert host.calls[-1] == "restart formation-watchdog.service"
     assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
 
 
-def test_running_services_are_left_alone_on_demand(made: Made, host: Host) -> None:
+def test_flag_no_restart_leaves_services_running(make_bundle: MakeBundle, host: Host) -> None:
     host.active.touch()
-    done = host.install(made(), "--no-restart")
+    done = host.install(make_bundle(), "--no-restart")
     assert done.returncode == 0, done.stderr
     assert not [call for call in host.calls if "restart" in call]
     assert "running services were left alone" in done.stdout
 
 
-def test_python_in_a_home_directory_is_refused(made: Made, host: Host) -> None:
+def test_python_in_a_home_directory_is_refused(make_bundle: MakeBundle, host: Host) -> None:
     private = host.folder / "home"
     (private / "me").mkdir(parents=True)
-    one = made()
+    one = make_bundle()
     script = (
         f"mount --make-rprivate / && mount --bind {sys.base_prefix} {private}/me"
         f" && mount --rbind {private} /home && PATH=/home/me/bin:$PATH"

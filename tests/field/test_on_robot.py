@@ -1,4 +1,4 @@
-"""What a robot is told over ssh does to its services, with a systemd that only writes down what it hears."""
+"""Effect of commands over ssh on a robot's services, with a systemctl that only logs its calls."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AGENT, WATCHDOG = "formation-agent.service", "formation-watchdog.service"
 
 
 class Robot:
-    """A robot with two releases, the second one current, and a systemd whose units are as told."""
+    """A robot with two releases, the second one current, and a fake systemd."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.prefix, self.units, self._log = folder / "formation", folder / "units", folder / "calls"
@@ -82,7 +82,7 @@ def test_rollback_without_restart_calls_no_service(robot: Robot, capsys: pytest.
         _ = robot.calls
 
 
-def test_units_that_do_not_start_are_told(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rollback_reports_units_that_do_not_start(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     robot.systemctl('[ "$1" != restart ] || { echo "Job failed, see journalctl"; exit 1; }')
     assert robot.ask("rollback", capsys, restart=True)["restart"] == "Job failed, see journalctl"
 
@@ -106,6 +106,6 @@ def test_status_reports_systemd_and_journal_of_units(
 def test_incomplete_previous_release_prevents_rollback(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (robot.prefix / "releases" / "r1" / "VERSION.json").unlink()  # what an interrupted installation leaves
+    (robot.prefix / "releases" / "r1" / "VERSION.json").unlink()  # as after an interrupted installation
     assert robot.ask("rollback", capsys, restart=True) == {"error": "there is no release before r2"}
     assert (robot.prefix / "current").readlink().name == "r2"

@@ -1,4 +1,4 @@
-"""Bundles onto robots over real ssh: each robot is a prefix of its own behind one server on loopback."""
+"""`formation deploy push` over real ssh: each robot is a prefix behind one server on loopback."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.field.sshd import Server, sshd
 pytestmark = pytest.mark.ssh
 
 
-def test_a_push_installs_every_bundle_on_its_own_robot(
+def test_push_installs_every_bundle_on_its_own_robot(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push", "--json") == 0
@@ -37,7 +37,7 @@ def test_a_push_installs_every_bundle_on_its_own_robot(
         assert robots[name]["bytes"] == sum(path.stat().st_size for path in here.rglob("*") if path.is_file())
 
 
-def test_what_is_secret_stays_so_on_the_robot(field: Field) -> None:
+def test_key_is_private_on_robot_and_mission_is_readable(field: Field) -> None:
     (field.bundles / "robot1" / "mission.toml").chmod(0o664)
     assert field.deploy("push") == 0
     for folder in ("current", "incoming"):
@@ -59,7 +59,7 @@ def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> Non
         class Watch(View):
             def sent(self, robot: str, count: int) -> None:  # noqa: ARG002
                 for path in (tmp_path / "p").rglob(".robot.key.part"):
-                    with suppress(FileNotFoundError):  # it has its name by now: all has arrived
+                    with suppress(FileNotFoundError):  # renamed already: it is complete
                         modes.add(mode(path))
 
         send(bundle, files, ["robot.key"], Watch(), robot.stdin)
@@ -67,9 +67,7 @@ def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> Non
     assert modes == {0o600}
 
 
-def test_a_second_push_sends_nothing_and_touches_nothing(
-    field: Field, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_second_push_changes_nothing(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     assert field.deploy("push") == 0
     before = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
     capsys.readouterr()
@@ -81,7 +79,7 @@ def test_a_second_push_sends_nothing_and_touches_nothing(
     assert {path for path in after if after[path] != before[path]} <= {field.prefix("robot1") / "incoming"}
 
 
-def test_a_new_release_sends_what_differs_and_no_wheel_again(
+def test_push_of_new_release_sends_only_changed_files(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push") == 0
@@ -98,9 +96,7 @@ def test_a_new_release_sends_what_differs_and_no_wheel_again(
     assert (field.prefix("robot2") / "current" / "wheels" / "numpy.whl").read_bytes() == WHEEL
 
 
-def test_what_was_changed_on_the_robot_is_sent_again(
-    field: Field, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_push_restores_files_changed_on_robot(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     assert field.deploy("push") == 0
     (field.prefix("robot1") / "incoming" / "mission.toml").write_text("tampered", encoding="utf-8")
     (field.prefix("robot1") / "incoming" / "extra").write_text("tampered", encoding="utf-8")
@@ -120,7 +116,7 @@ def test_unreachable_robot_is_named_and_others_are_installed(
     assert [field.current(name) for name in ROBOTS] == ["r1", None, "r1"]
 
 
-def test_a_key_that_is_refused_and_an_unknown_host_are_named(
+def test_refused_key_and_unknown_host_key_are_named(
     field: Field, server: Server, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     where = [str(field.bundles), "--prefix", str(tmp_path / "{robot}"), "--no-systemd"]
@@ -150,7 +146,7 @@ def test_failed_installation_shows_output_and_keeps_running_release(
     assert field.current("robot2") == "r2"
 
 
-def test_an_installation_that_failed_after_its_switch_is_done_again(field: Field) -> None:
+def test_install_that_failed_after_switch_is_repeated(field: Field) -> None:
     field.bundle("robot1", "r2", install=INSTALL + "[ -e ../mended ] || exit 1\n")
     assert field.deploy("push", "--only", "robot1") == 1
     assert field.current("robot1") == "r2"
@@ -158,7 +154,7 @@ def test_an_installation_that_failed_after_its_switch_is_done_again(field: Field
     assert field.deploy("push", "--only", "robot1") == 0
 
 
-def test_a_full_disk_is_called_that(
+def test_full_disk_is_reported(
     field: Field, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     field.bundle("robot1", "r2", install="echo 'pip: [Errno 28] No space left on device'; exit 1\n")
@@ -175,7 +171,7 @@ def test_a_full_disk_is_called_that(
 
 
 class Stopping(View):
-    """Breaks the connection off when something happens, as an unplugged cable would."""
+    """Breaks the connection off at the first event `when`, like an unplugged cable."""
 
     def __init__(self, ssh: Ssh, when: str) -> None:
         super().__init__()
@@ -213,7 +209,7 @@ def test_interrupted_push_keeps_release_and_can_be_repeated(field: Field, when: 
     assert manifest(field.prefix("robot1") / "current") == manifest(folder)
 
 
-def test_a_login_shell_that_chatters_and_a_robot_without_python(
+def test_push_survives_login_output_and_reports_missing_python(
     field: Field, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a").mkdir()
@@ -238,17 +234,17 @@ def test_a_login_shell_that_chatters_and_a_robot_without_python(
         (["--prefix", "/opt/same"], "another robot is to be installed at 127.0.0.1:/opt/same"),
     ],
 )
-def test_senseless_flags_are_refused_before_anything_is_sent(
+def test_illegal_flags_are_refused_before_anything_is_sent(
     field: Field, words: Sequence[str], why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push", *words) == 2
     assert why in capsys.readouterr().err
 
 
-def test_other_users_go_through_sudo(tmp_path: Path) -> None:
+def test_sudo_is_used_only_with_sudo_option(tmp_path: Path) -> None:
     shim = tmp_path / "bin"
     shim.mkdir()
-    # a machine on which this user is not root, and whose sudo wants a password
+    # a machine where this user is not root, and sudo needs a password
     for name, text in (("id", "echo 1000"), ("sudo", 'echo "sudo: a password is required ($*)" >&2; exit 1')):
         (shim / name).write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
         (shim / name).chmod(0o755)
@@ -268,7 +264,7 @@ def mode(path: Path) -> int:
 
 
 def until_unlocked(prefix: Path) -> None:
-    """Wait until the robot's side of a push that was broken off has noticed it."""
+    """Wait until the robot's side of an interrupted push has ended."""
     import fcntl
 
     with (prefix / ".lock").open("w") as file:

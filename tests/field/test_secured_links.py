@@ -1,4 +1,4 @@
-"""Real sessions under mTLS and access control: what must pass does, whoever dials and whenever it comes."""
+"""Real sessions under mTLS and access control: permitted messages pass, all others are refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sessions(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Session
 
 @pytest.mark.parametrize("order", [("robot2", "robot3"), ("robot3", "robot2")])
 def test_neighbour_is_received_in_any_start_order(sessions: Sessions, order: tuple[str, str]) -> None:
-    """Of the two robot3, listed later, dials; it measures robot2."""
+    """robot3, which is listed later, dials robot2; it measures robot2."""
     one, other = sessions.open(*order)
     robot2, robot3 = (one, other) if order[0] == "robot2" else (other, one)
     sessions.listen("robot3", robot3, "robot2/position")
@@ -45,12 +45,12 @@ def test_late_listener_receives_neighbour(sessions: Sessions) -> None:
     publisher = robot3.declare_publisher("robot3/position")
     assert not publisher.matching_status.matching  # type: ignore[attr-defined]
     sessions.listen("robot4", robot4, "robot3/position")
-    until(lambda: publisher.matching_status.matching, what="robot3 knows who listens")  # type: ignore[attr-defined]
+    until(lambda: publisher.matching_status.matching, what="robot3 has a subscriber")  # type: ignore[attr-defined]
     publisher.put(b"something")
-    until(lambda: sessions.received["robot4"]["robot3/position"] == 1, what="robot4 hears robot3")
+    until(lambda: sessions.received["robot4"]["robot3/position"] == 1, what="robot4 receives robot3")
 
 
-def test_the_monitor_hears_all_that_a_robot_tells_the_fleet(sessions: Sessions) -> None:
+def test_monitor_receives_every_key_of_a_robot(sessions: Sessions) -> None:
     robot3, monitor = sessions.open("robot3", "monitor")
     keys = [one.key for one in watched(sessions.desk.mission)]
     sessions.listen("monitor", monitor, *keys)
@@ -88,21 +88,21 @@ def test_only_operator_orders_are_acknowledged(sessions: Sessions) -> None:
         answers.update(acknowledged(operator, "*/order", b"all"))
         return answers == {"robot2/order", "robot3/order"}
 
-    until(all_have, what="both acknowledge what all are asked")
+    until(all_have, what="both robots acknowledge the request to all")
     assert acknowledged(operator, "robot3/order", b"one", PATIENCE) == {"robot3/order"}
     (robot4, monitor) = sessions.open("robot4", "monitor")
     sessions.listen("robot4", robot4, "robot3/position")
     sessions.listen("monitor", monitor, "robot3/status")
     sessions.reaches(robots["robot3"], "robot3/position", "robot4")  # now they are linked
     sessions.reaches(robots["robot3"], "robot3/status", "monitor")
-    for stranger in (robot4, monitor):
-        assert acknowledged(stranger, "robot3/order", b"forged") == set()
+    for other in (robot4, monitor):
+        assert acknowledged(other, "robot3/order", b"forged") == set()
     with sessions.attacking("robot4", "robot3") as robot4s_key:
         assert acknowledged(robot4s_key, "robot3/order", b"forged") == set()
     assert b"forged" not in requested
 
 
-def test_foreign_robot_key_is_rejected_by_receiver(sessions: Sessions) -> None:
+def test_certificate_of_robot_cannot_publish_for_another_robot(sessions: Sessions) -> None:
     (robot3,) = sessions.open("robot3")
     sessions.listen("robot3", robot3, *map(POSITION.key, ("robot1", "robot2")))
     with sessions.attacking("robot2", "robot3") as robot2s_key:
@@ -114,7 +114,7 @@ def test_foreign_robot_key_is_rejected_by_receiver(sessions: Sessions) -> None:
 
 
 def test_robot_sends_nothing_to_impostor_at_neighbours_address(sessions: Sessions) -> None:
-    """robot3 dials robot2's place and finds somebody with a good certificate, but not of that place."""
+    """robot3 dials robot2's address, where a session with robot4's valid certificate answers."""
     desk = sessions.desk
     (robot3,) = sessions.open("robot3")
     settings = settings_of(BusConfig(config_file=desk.file("robot4"), namespace=desk.mission.team or ""))

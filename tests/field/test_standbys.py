@@ -1,4 +1,4 @@
-"""A standby in the field: one more computer with a name, a key and a unit of its own."""
+"""Standbys in the field: certificates, bundles, links and push."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ def name_in(pem: Path) -> str:
 
 
 def settings(file: Path) -> dict[str, Any]:
-    """A configuration without its comment."""
+    """Settings of a configuration file, without its comment."""
     lines = [line for line in file.read_text().splitlines() if not line.startswith("//")]
     found: dict[str, Any] = json.loads("\n".join(lines))
     return found
 
 
 def requested(*words: str | Path) -> fleet.Fleet:
-    """Whom a push with these words is for."""
+    """The fleet that a push with these arguments is for."""
     options = argparse.ArgumentParser()
     fleet.add_flags(options)
     return fleet.read(options.parse_args([str(word) for word in words]))
 
 
-def test_a_standby_has_a_certificate_for_where_it_listens(secrets: Path) -> None:
+def test_standby_certificate_has_its_name_and_address(secrets: Path) -> None:
     assert name_in(secrets / "deputy" / "certificate.pem") == "CN=deputy"
     pair = certificates.read(secrets, "deputy", NOW)
     assert authority.addresses(pair.certificate) == ("10.77.0.4",)
@@ -94,7 +94,7 @@ def test_standby_dials_all_and_is_dialled_by_visitors(bundles: Path) -> None:
         assert settings(bundles / DESK / f"{visitor}.json5")["connect"]["endpoints"] == ends
 
 
-def test_a_standby_may_stand_by_on_the_desk(bundles: Path) -> None:
+def test_desk_bundle_has_certificate_and_configuration_of_standby(bundles: Path) -> None:
     desk = bundles / DESK
     assert name_in(desk / "deputy" / "certificate.pem") == "CN=deputy"
     file = settings(desk / "deputy.json5")
@@ -102,7 +102,7 @@ def test_a_standby_may_stand_by_on_the_desk(bundles: Path) -> None:
     assert file["transport"]["link"]["tls"]["listen_private_key"] == str(desk / "deputy" / "key.pem")
 
 
-def test_a_push_finds_the_standby_where_the_mission_says(bundles: Path) -> None:
+def test_push_addresses_standby_by_mission_endpoint(bundles: Path) -> None:
     assert set(fleet.find(bundles)) == {"deputy", "leader", "robot1", "robot2"}
     assert requested(bundles).robots["deputy"].address == "10.77.0.4"
 
@@ -115,7 +115,7 @@ def test_local_standby_is_pushed_only_when_named(bundles: Path, capsys: pytest.C
     assert set(requested(bundles, "--only", "deputy").robots) == {"deputy"}
 
 
-def test_a_standby_without_an_endpoint_is_none_for_the_field() -> None:
+def test_standby_without_tls_endpoint_is_refused() -> None:
     with pytest.raises(
         Refusal, match=r"deputy without endpoint; .* and each standby.*in \[standbys.deputy\]"
     ):
@@ -124,17 +124,17 @@ def test_a_standby_without_an_endpoint_is_none_for_the_field() -> None:
         hosts(parse(WITH.replace("tls/10.77.0.4", "tcp/10.77.0.4")))
 
 
-@pytest.mark.parametrize(("name", "whose"), [("desk", "the desk's folder"), ("chief", "")])
-def test_on_the_desk_no_two_have_the_same_folder(name: str, whose: str) -> None:
+@pytest.mark.parametrize(("name", "conflict"), [("desk", "the desk's folder"), ("chief", "")])
+def test_standby_with_name_of_desk_folder_is_refused(name: str, conflict: str) -> None:
     mission = parse(WITH.replace("standbys.deputy", f"standbys.{name}"))
-    if not whose:
+    if not conflict:
         bundle.refuse_unfit(mission)
         return
-    with pytest.raises(Refusal, match=f"no robot or standby can be called {name!r}, for that is {whose}"):
+    with pytest.raises(Refusal, match=f"no robot or standby can be called {name!r}, for that is {conflict}"):
         bundle.refuse_unfit(mission)
 
 
-def test_what_the_leader_is_called_on_the_desk_no_standby_is() -> None:
+def test_standby_named_like_leader_folder_is_refused() -> None:
     text = WITH.replace('"leader"', '"chief"').replace("robots.leader", "robots.chief")
     bundle.refuse_unfit(parse(text))
     with pytest.raises(Refusal, match="no standby can be called 'leader', for on the desk that is chief's"):

@@ -1,4 +1,4 @@
-"""The units that systemd runs on a robot."""
+"""The systemd units of a robot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UNITS = [(FIELD, name) for name in FIELD.names] + [(STANDBY, "deputy")]
 
 
 def value(unit: str, key: str) -> str:
-    """The last value of a key that stands once or repeatedly in a unit."""
+    """The last value of a key in a unit."""
     values: list[str] = re.findall(rf"(?m)^{key}=(.*)$", unit)
     return values[-1]
 
@@ -37,7 +37,7 @@ def every_unit(of: Mission, name: str, **flags: str) -> dict[str, str]:
 
 
 def verified(texts: dict[str, str], root: Path) -> str:
-    """What systemd objects to, its executables being scripts that do nothing."""
+    """Output of `systemd-analyze verify`, with empty scripts as executables."""
     folder, program = root / "units", root / "opt" / "formation" / "current" / "venv" / "bin" / "formation"
     folder.mkdir()
     bridge = root / "zenoh-bridge-ros2dds"
@@ -65,26 +65,26 @@ def verified(texts: dict[str, str], root: Path) -> str:
     [*UNITS, *((RMW, name) for name in RMW.names)],
     ids=lambda one: getattr(one, "name", one),
 )
-def test_systemd_objects_to_no_unit(of: Mission, name: str, tmp_path: Path) -> None:
+def test_systemd_analyze_accepts_every_unit(of: Mission, name: str, tmp_path: Path) -> None:
     assert verified(every_unit(of, name), tmp_path) == ""
 
 
 @pytest.mark.systemd
-def test_systemd_accepts_units_without_bringup_and_bridge(
+def test_systemd_analyze_accepts_units_without_bringup_and_bridge(
     tmp_path: Path,
 ) -> None:
     assert verified(every_unit(FIELD, "robot1", bringup="none", bridge="none"), tmp_path) == ""
 
 
 @pytest.mark.systemd
-def test_a_misspelt_unit_would_be_objected_to(tmp_path: Path) -> None:
+def test_systemd_analyze_reports_misspelt_key(tmp_path: Path) -> None:
     texts = every_unit(FIELD, "robot1")
     texts["formation-agent.service"] = texts["formation-agent.service"].replace("WatchdogSec", "WatchDogSec")
     assert "WatchDogSec" in verified(texts, tmp_path)
 
 
 @pytest.mark.systemd
-def test_what_a_unit_may_do_is_rated_well(tmp_path: Path) -> None:
+def test_systemd_security_rating_is_within_threshold(tmp_path: Path) -> None:
     for name in ("robot1", "leader", "deputy"):
         for unit, text in units.units(STANDBY, name).items():
             (tmp_path / unit).write_text(text.replace(units.PREFIX, "/opt/formation"))
@@ -131,13 +131,13 @@ def test_bridge_endpoint_and_bringup_namespace_match_mission() -> None:
     assert "namespace" not in units.samples(bare, "robot2")["turtlebot3.service"]
 
 
-def test_no_unit_delays_end_of_bringup() -> None:
+def test_units_are_not_ordered_after_bringup_or_bridge() -> None:
     for text in units.units(FIELD, "robot1").values():
         bound = {"turtlebot3.service", "zenoh-bridge-ros2dds.service"}
         assert not bound & set(" ".join(re.findall(r"(?m)^After=(.*)$", text)).split())
 
 
-def test_the_leader_waits_for_an_operator_unless_it_is_told_otherwise() -> None:
+def test_leader_unit_holds_and_environment_file_is_optional() -> None:
     leader = units.units(FIELD, "leader")["formation-leader.service"]
     assert commands(leader)[0][-1] == "--hold"
     agent = units.units(FIELD, "robot1")["formation-agent.service"]
@@ -159,21 +159,21 @@ def test_every_unit_notifies_systemd_and_is_restarted() -> None:
             assert value(text, "Type") == "notify"
             assert float(value(text, "WatchdogSec")) > 0.2 * 3
             assert value(text, "Restart") in {"always", "on-failure"}
-            assert value(text, "StartLimitIntervalSec") == "0"  # however often it ends
+            assert value(text, "StartLimitIntervalSec") == "0"  # any number of restarts
             assert value(text, "User") == "formation"
             assert value(text, "NoNewPrivileges") == "yes"
 
 
-def test_however_an_agent_has_ended_its_robot_is_told_to_stand() -> None:
-    """On each robot, and by the very watchdog that knows it: with the mission that it drove by."""
+def test_watchdog_sends_zero_after_any_agent_exit() -> None:
+    """The agent's unit then runs `formation watchdog --once` with the mission of the agent."""
     for name in ("robot1", "robot2"):
         agent, *after = commands(units.units(FIELD, name)["formation-agent.service"])
         program, mission = agent[0], agent[2]
         assert after == [[program, "watchdog", mission, "--robot", name, "--once"]]
 
 
-def test_agent_state_has_its_own_systemd_directory() -> None:
-    """With `ProtectSystem=strict` it could write nowhere else; a stop must outlive an upgrade as well."""
+def test_agent_state_is_in_systemd_state_directory() -> None:
+    """`ProtectSystem=strict` permits no other folder, and a stop must outlive an upgrade."""
     for name in ("robot1", "robot2"):
         agent = units.units(FIELD, name)["formation-agent.service"]
         (words, _) = commands(agent, "/var/lib")
@@ -183,7 +183,7 @@ def test_agent_state_has_its_own_systemd_directory() -> None:
         assert units.PREFIX not in words[words.index("--state") + 1]
 
 
-def test_units_start_what_the_command_line_knows() -> None:
+def test_unit_commands_use_existing_flags() -> None:
     for of, name in UNITS:
         for text in units.units(of, name).values():
             for program, command, *arguments in commands(text):
@@ -199,12 +199,12 @@ def test_units_start_what_the_command_line_knows() -> None:
                 assert all(flag in done.stdout for flag in flags), flags
 
 
-def test_the_leader_has_neither_watchdog_nor_bring_up() -> None:
+def test_leader_has_no_watchdog_or_bringup_unit() -> None:
     assert set(units.units(FIELD, "leader")) == {"formation-leader.service"}
     assert units.samples(FIELD, "leader") == {}
 
 
-def test_standby_is_a_leader_with_own_name() -> None:
+def test_standby_unit_runs_leader_with_standby_name() -> None:
     texts = units.units(STANDBY, "deputy")
     assert set(texts) == {"formation-standby.service"}
     assert units.samples(STANDBY, "deputy") == {}
@@ -224,13 +224,13 @@ def test_standbys_leave_other_units_unchanged() -> None:
         assert every_unit(STANDBY, name) == every_unit(FIELD, name)
 
 
-def test_nothing_is_left_to_be_filled_in_but_the_prefix() -> None:
+def test_units_have_no_placeholder_except_prefix() -> None:
     for of, name in (*UNITS, *((RMW, name) for name in RMW.names)):
         for unit, text in every_unit(of, name).items():
             assert not re.findall(r"@(?!PREFIX@)[A-Z_]+@", text), unit
 
 
 @pytest.mark.parametrize("flag", ["bringup", "bridge"])
-def test_what_is_no_name_of_a_unit_is_refused(flag: str) -> None:
+def test_illegal_unit_name_is_refused(flag: str) -> None:
     with pytest.raises(Refusal, match=f"--{flag} 'my bring-up': must be the name of a unit"):
         units.units(FIELD, "robot1", **{flag: "my bring-up"})

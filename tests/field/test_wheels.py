@@ -1,4 +1,4 @@
-"""What a robot installs: there is a wheel of everything for the robots of a field, and it is not too much."""
+"""Wheels of a bundle: available for robots of a field, complete and not too large."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from tests.field.deployed import HERE
 
 LOCK = (env.LOCK / "agent.txt").read_text(encoding="utf-8")
 ROOM = 145e6
-"""What a robot's install may take up [bytes]."""
+"""Largest size of a robot's installation [bytes]."""
 COMPILED = 1.7
-"""Python compiles what it installs: a generous bound of what .pyc files add, over the sources' own size."""
+"""Upper bound of the size of .pyc files, as a multiple of the sources' size."""
 PI = [Target("aarch64", python) for python in PYTHONS]
 
 
 def resolved(target: Target, pip: Path, folder: Path) -> list[dict[str, Any]]:
-    """What pip would install on a robot, as it reports itself: it asks its package index.
+    """Report of pip on what it would install on a robot from its package index.
 
-    `pip` is the wheel of the one that robots get. An older one that runs here may judge by this Python.
+    `pip` is the wheel of pip in the bundle; an older one of this machine may judge by this Python.
     """
     requirements = folder / "requirements.txt"
     requirements.write_text("".join(f"{pin.line}\n" for pin in wheels.robot_pins(target)), encoding="utf-8")
@@ -71,8 +71,8 @@ def test_every_robot_dependency_has_raspberry_pi_wheel(target: Target, bundles: 
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_a_robots_install_takes_up_under_145_mb(platform: str, tmp_path: Path) -> None:
-    target = Target(platform, "3.11")  # of all the largest
+def test_installed_wheels_take_under_145_mb(platform: str, tmp_path: Path) -> None:
+    target = Target(platform, "3.11")  # the largest of all
     wheels.collect(target, tmp_path)
     collected = [path for path in tmp_path.glob("*.whl") if not path.name.startswith("pip-")]
     sources, unpacked = 0, 0
@@ -94,10 +94,10 @@ def test_collected_wheels_equal_lock_plus_pip_and_project(bundles: Path) -> None
     assert len(hashes) == len(pins) + 1
     lines = (folder / wheels.REQUIREMENTS).read_text(encoding="utf-8").splitlines()
     assert lines[0] == f"zenoh-formation==0.1.0 --hash=sha256:{wheels.digest(own)}"
-    assert len(lines) == len(pins)  # pip installs, it is not installed
+    assert len(lines) == len(pins)  # pip itself is not installed
 
 
-def test_every_robots_wheels_are_the_same_files(bundles: Path) -> None:
+def test_robots_share_wheel_files(bundles: Path) -> None:
     for wheel in (bundles / "robot1" / "wheels").glob("*.whl"):
         assert wheel.samefile(bundles / "leader" / "wheels" / wheel.name)
 
@@ -116,7 +116,7 @@ def test_markers_are_evaluated_for_python_of_robot(python: str) -> None:
     assert ("numpy", "2.4.6" if python == "3.11" else "2.5.5") in pins.items()
 
 
-def test_a_marker_about_anything_but_python_is_refused() -> None:
+def test_pins_refuses_other_markers_and_unpinned_lines() -> None:
     lock = "colorama==0.4.6 ; sys_platform == 'win32' \\\n    --hash=sha256:00\n"
     with pytest.raises(Refusal, match="not about Python's version: sys_platform"):
         wheels.pins(lock, PI[0])
@@ -125,7 +125,7 @@ def test_a_marker_about_anything_but_python_is_refused() -> None:
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_wheels_for_older_systems_fit_newer_do_not(platform: str) -> None:
+def test_target_accepts_wheels_up_to_manylinux_2_28(platform: str) -> None:
     target = Target(platform, "3.12")
     other = next(one for one in PLATFORMS if one != platform)
     assert runs_on(target, f"a-1-cp312-cp312-manylinux2014_{platform}.whl")
@@ -134,7 +134,7 @@ def test_wheels_for_older_systems_fit_newer_do_not(platform: str) -> None:
     assert not runs_on(target, f"a-1-cp39-abi3-manylinux_2_28_{other}.whl")
 
 
-def test_wheels_of_an_earlier_bundle_are_taken_and_nothing_is_fetched(
+def test_collect_reuses_wheels_of_earlier_bundle_without_fetching(
     bundles: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PIP_NO_INDEX", "1")
@@ -146,7 +146,7 @@ def test_wheels_of_an_earlier_bundle_are_taken_and_nothing_is_fetched(
     assert all((tmp_path / name).samefile(bundles / "robot1" / "wheels" / name) for name in taken)
 
 
-def test_without_an_index_it_says_for_what_there_are_no_wheels(
+def test_collect_without_index_names_python_and_platform(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PIP_NO_INDEX", "1")
@@ -154,7 +154,7 @@ def test_without_an_index_it_says_for_what_there_are_no_wheels(
         wheels.collect(Target("aarch64", "3.12"), tmp_path)
 
 
-def test_the_same_checkout_makes_the_same_wheel(bundles: Path, tmp_path: Path) -> None:
+def test_project_wheel_is_reproducible(bundles: Path, tmp_path: Path) -> None:
     again = wheels.project_wheel(tmp_path)
     assert again.name == next((bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")).name
     first = wheels.digest(again)
@@ -162,7 +162,7 @@ def test_the_same_checkout_makes_the_same_wheel(bundles: Path, tmp_path: Path) -
     assert wheels.digest(wheels.project_wheel(tmp_path)) == first
 
 
-def test_the_projects_wheel_is_whole(bundles: Path) -> None:
+def test_project_wheel_has_install_script_units_and_lock(bundles: Path) -> None:
     (own,) = (bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")
     with zipfile.ZipFile(own) as archive:
         names = set(archive.namelist())
@@ -171,7 +171,7 @@ def test_the_projects_wheel_is_whole(bundles: Path) -> None:
     assert "formation/deploy/lock/agent.txt" in names, "a robot's install could not make bundles"
 
 
-def test_an_installed_formation_is_packed_into_the_wheel_it_came_from(bundles: Path, tmp_path: Path) -> None:
+def test_repack_of_installed_formation_equals_its_wheel(bundles: Path, tmp_path: Path) -> None:
     (own,) = (bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")
     (pip,) = (bundles / "robot1" / "wheels").glob("pip-*.whl")
     place, again = tmp_path / "place", tmp_path / "again"

@@ -1,4 +1,4 @@
-"""Beside a robot: every command that reaches it and every status of its agent, as JSON lines on stdout.
+"""Write every command to a robot and every status of its agent as JSON lines to stdout.
 
 ``python -m tests.field.witness ENDPOINT ROBOT``: a client of the robot's own router, as a ROS 2 node is.
 """
@@ -18,7 +18,7 @@ from formation.transport.runtime.process import say
 
 
 def opened(endpoint: str) -> zenoh.Session:
-    """A client's session, as soon as there is a router."""
+    """Open a client session; retry until there is a router."""
     settings = zenoh.Config()
     for path, value in DEFAULTS:
         settings.insert_json5(path, value)

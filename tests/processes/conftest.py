@@ -1,4 +1,4 @@
-"""What tests of the robot's side share: an endpoint, each spelling of ROS 2, a place to keep things open."""
+"""Fixtures for tests of the robot's bus: an endpoint, each ROS 2 transport, names, an exit stack."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from formation.ros2.ros_names import Ros
 from tests.processes.agent.robot_sides import mission_of
 from tests.support.child import free_endpoint
 
-SPELLINGS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
+TRANSPORTS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
 
 
 @pytest.fixture
@@ -20,10 +20,10 @@ def endpoint() -> str:
     return free_endpoint()
 
 
-@pytest.fixture(params=SPELLINGS)
+@pytest.fixture(params=TRANSPORTS)
 def ros(request: pytest.FixtureRequest) -> Ros:
-    spelling: Ros = request.param
-    return spelling
+    transport: Ros = request.param
+    return transport
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""A test that fails while the machine stands still is run again, and the summary names it."""
+"""A test that fails during a stall of the machine is run again, and the summary names it."""
 
 from __future__ import annotations
 
@@ -49,4 +49,4 @@ def test_failures_in_stalls_are_run_again_and_named(tmp_path: Path) -> None:
     )
     assert "RUN AGAIN tests/processes/test_stalling.py::test_in_a_stall: failed while" in done.stdout
     assert "1 failed, 1 passed" in done.stdout
-    assert "where 3 = len([1, 1, 1])" in done.stdout  # it ran once, after two runs of the other
+    assert "where 3 = len([1, 1, 1])" in done.stdout  # it ran once; the other test had run twice before

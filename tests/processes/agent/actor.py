@@ -26,37 +26,37 @@ KEYS = watched(load("six_robots"))
 
 
 class Actor:
-    """A fleet in formation that says everything a real one says, in real time, and counts it.
+    """A fleet in formation that publishes all messages of a real one, in real time, and keeps them.
 
-    Agents and leader speak on one bus, simulated robots on another, whose router they are. Nothing is lost
-    at its end: what the network does not take at once waits for its place.
+    Agents and leader publish on `bus`, simulated robots on `stage`, where they are the router. The sender
+    loses nothing: messages wait until the network takes them.
     """
 
     def __init__(self, bus: Bus, stage: Bus) -> None:
         self.bus, self.stage = bus, stage
-        self.fleet, self.said = Fleet(epoch=time.time()), list[Sample]()
+        self.fleet, self.sent = Fleet(epoch=time.time()), list[Sample]()
         for one in KEYS:
-            self.side(one.key).advertise(one.topic, one.key, waits=True)
+            self.bus_of(one.key).advertise(one.topic, one.key, waits=True)
 
-    def side(self, key: str) -> Bus:
-        """Where a key is spoken on."""
+    def bus_of(self, key: str) -> Bus:
+        """Return the bus on which a key is published."""
         return self.stage if key.endswith(GROUND_TRUTH.name) else self.bus
 
     @property
     def published(self) -> Counter[str]:
         return Counter({**self.bus.published, **self.stage.published})
 
-    def wait_for_the_monitor(self) -> None:
+    def wait_for_monitor(self) -> None:
         last = [one.key for one in KEYS if one.topic in {STATUS, GROUND_TRUTH}]
         deadline = time.monotonic() + PATIENCE
-        while not all(self.side(key).watched(key) for key in last):
+        while not all(self.bus_of(key).watched(key) for key in last):
             assert time.monotonic() < deadline, "no monitor listens"
             time.sleep(0.01)
 
     def wait_until_recorded(self, path: Path) -> None:
-        """Wait until the recording has all that was said: it is written twice a second.
+        """Wait until the recording has everything that was sent; it is written twice a second.
 
-        A monitor that is told to stop waits for a moment only for what a busy machine has not sent yet.
+        A monitor that ends waits only briefly for messages that a busy machine has not sent yet.
         """
         deadline = time.monotonic() + PATIENCE
         while self.published - read(path).extent().counts:
@@ -64,10 +64,10 @@ class Actor:
             time.sleep(0.05)
 
     def play(self, seconds: float) -> None:
-        """Twenty periods a second, everybody at another phase of each.
+        """Publish 20 periods a second, each robot at its own phase.
 
-        Like robots it makes up for none: after a stall of the machine the rest of them comes later, and no
-        position is as old as the stall was long.
+        Like robots, it does not catch up after a stall of the machine: the rest comes later, so no position
+        is as old as the stall was long.
         """
         epoch, period = self.fleet.epoch, 0.05
         start = time.time() - epoch
@@ -79,8 +79,8 @@ class Actor:
                 at = start + (tick + self.fleet.phase(robot)) * period
                 time.sleep(max(0.0, -late))
                 for sample in self._period(robot, at, with_status=tick % 10 == 0):
-                    self.side(sample.key).publish(sample.key, sample.payload, sample.attachment)
-                    self.said.append(sample)
+                    self.bus_of(sample.key).publish(sample.key, sample.payload, sample.attachment)
+                    self.sent.append(sample)
 
     def _period(self, robot: str, at: float, *, with_status: bool) -> Iterator[Sample]:
         yield self.fleet.position(robot, at)
@@ -94,7 +94,7 @@ class Actor:
 
 @contextmanager
 def watching(*flags: str) -> Iterator[tuple[Child, Actor]]:
-    """A monitor that is ready, and the fleet that it watches."""
+    """Start a monitor and the fleet that it watches; yield both when ready."""
     end, stage_end = free_endpoint(), free_endpoint()
     with (
         Bus(BusConfig(listen=(end,))) as bus,
@@ -107,17 +107,17 @@ def watching(*flags: str) -> Iterator[tuple[Child, Actor]]:
             "event": "ready", "process": "monitor", "page": None, "foxglove": None,
         }  # fmt: skip
         actor = Actor(bus, stage)
-        actor.wait_for_the_monitor()
+        actor.wait_for_monitor()
         yield child, actor
 
 
 def router(endpoint: str) -> Bus:
-    """What has a robot's side: the simulated robots, or a ROS 2 router."""
+    """Open a bus that is a router, as simulated robots or ROS 2 have one."""
     return Bus(BusConfig(listen=(endpoint,), mode="router"))
 
 
 def recorded(path: Path) -> dict[str, list[bytes]]:
-    """Payloads in a recording, by key."""
+    """Return the payloads in a recording, by key."""
     found: dict[str, list[bytes]] = {}
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
@@ -127,7 +127,7 @@ def recorded(path: Path) -> dict[str, list[bytes]]:
 
 
 def events(child: Child) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Every snapshot, and the summary."""
+    """Return all snapshots, and the summary."""
     lines = iter(lambda: child._lines.get(timeout=PATIENCE), None)
     *snapshots, summary = map(json.loads, filter(None, lines))
     assert {one["event"] for one in snapshots} <= {"snapshot"}

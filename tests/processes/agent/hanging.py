@@ -14,14 +14,14 @@ from formation.transport.runtime.flags import parser
 from formation.transport.runtime.process import Process, Stop, say
 from formation.wire import Now, Outgoing, Sample
 
-RECEIVED = ODOM.key("robot2")
+ODOM_KEY = ODOM.key("robot2")
 
 
 class Hanging:
-    """Hangs in the step that brings it its first sample."""
+    """Core that hangs in the step with its first sample."""
 
     publications = ()
-    subscriptions = (RECEIVED,)
+    subscriptions = (ODOM_KEY,)
     dropped: dict[str, int] = {}  # noqa: RUF012 - it drops nothing
     due = math.inf
 
@@ -42,9 +42,9 @@ def main(endpoint: str) -> None:
         process.ready()
 
         def count() -> None:
-            while process.bus.received[RECEIVED] < 4:
+            while process.bus.received[ODOM_KEY] < 4:
                 time.sleep(0.01)
-            say("received", number=process.bus.received[RECEIVED])
+            say("received", number=process.bus.received[ODOM_KEY])
 
         threading.Thread(target=count, daemon=True).start()
         process.run(Hanging())

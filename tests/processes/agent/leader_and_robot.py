@@ -1,4 +1,4 @@
-"""A leader or a simulated robot as a real process, and a test in the place of whoever is linked with it."""
+"""A leader or a simulated robot as a real process, and buses by which a test links with it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIX = load("six_robots")
 
 @contextmanager
 def listening(endpoint: str, *keys: str) -> Iterator[Bus]:
-    """A bus of the test's own, linked with the process under test."""
+    """Open a bus that is linked with the process under test and subscribed to `keys`."""
     with Bus(BusConfig(connect=(endpoint,))) as bus:
         for key in keys:
             bus.subscribe(key)
@@ -29,8 +29,8 @@ def listening(endpoint: str, *keys: str) -> Iterator[Bus]:
 
 
 @contextmanager
-def beside(endpoint: str, *keys: str) -> Iterator[tuple[RobotBus, Mailbox]]:
-    """The test in the place of robot2's agent, and what it hears from the robot."""
+def agent_side(endpoint: str, *keys: str) -> Iterator[tuple[RobotBus, Mailbox]]:
+    """Open a bus as robot2's agent has it; yield it and its mailbox, which receives `keys`."""
     mailbox = Mailbox()
     with RobotBus((endpoint,), Naming.of(SIX.robots, ["robot2"]), mailbox) as bus:
         for key in keys:

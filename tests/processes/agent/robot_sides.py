@@ -1,4 +1,4 @@
-"""What tests of the robot's side share: missions in either spelling, ROS nodes played by bare sessions."""
+"""Helpers for tests of the robot's bus: missions for each ROS 2 transport, ROS nodes as bare sessions."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from formation.transport.bus_config import DEFAULTS
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 
-COMMAND, RECEIVED, PLACE, LIFE = (topic.key("robot2") for topic in (CMD_VEL, ODOM, POSITION, ALIVE))
+COMMAND, ODOM_KEY, PLACE, LIFE = (topic.key("robot2") for topic in (CMD_VEL, ODOM, POSITION, ALIVE))
 TWIST, ODOMETRY = encode(Twist(0.1, 0.0)), encode(Odometry(1.0, 2.0 + 1.0j, 1.0 + 0.0j, 0.1, 0.0))
 
 
-def mission_of(*spellings: Ros, lines: str = "") -> Mission:
-    """The six robots, the first followers in these spellings, with more `lines` in the first one's table."""
+def mission_of(*transports: Ros, lines: str = "") -> Mission:
+    """Return six_robots; the first followers have these ROS 2 transports, the first one more `lines`."""
     text, source = read("six_robots")
-    for number, ros in enumerate(spellings):
+    for number, ros in enumerate(transports):
         table = f"[robots.robot{number + 2}]\n"
         assert table in text
         more = f"{lines}\n" if number == 0 else ""
@@ -36,7 +36,7 @@ def mission_of(*spellings: Ros, lines: str = "") -> Mission:
 
 @contextmanager
 def node(endpoint: str, mode: str = "peer") -> Iterator[zenoh.Session]:
-    """A session as an ordinary ROS 2 node has it: a peer with gossip that dials its router."""
+    """Open a session as an ordinary ROS 2 node has it: a peer with gossip that dials its router."""
     config = zenoh.Config()
     for path, value in DEFAULTS:
         config.insert_json5(path, value)
@@ -48,16 +48,16 @@ def node(endpoint: str, mode: str = "peer") -> Iterator[zenoh.Session]:
         yield session
 
 
-class Ear:
-    """All that a bare session hears on a key."""
+class Listener:
+    """Records every sample that a bare session receives on a key."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.samples: list[tuple[bytes, bytes | None]] = []
         self._subscriber = session.declare_subscriber(
-            key, zenoh.handlers.Callback(self._take, indirect=False)
+            key, zenoh.handlers.Callback(self._record, indirect=False)
         )
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _record(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         self.samples.append(
             (sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
@@ -69,23 +69,23 @@ class Ear:
 
 
 def tokens(session: zenoh.Session) -> set[str]:
-    """Every liveliness token that `session` can see."""
+    """Return every liveliness token that `session` can see."""
     replies: Any = session.liveliness().get("@ros2_lv/**", timeout=5.0)
     return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
 
 def agent_on(endpoint: str, naming: Naming, mailbox: Mailbox | None = None) -> RobotBus:
-    """An agent's bus: it commands, and hears odometry."""
+    """Open an agent's bus: it publishes commands and receives odometry."""
     bus = RobotBus((endpoint,), naming, mailbox or Mailbox())
     bus.advertise(CMD_VEL, COMMAND)
-    bus.subscribe(ODOM, RECEIVED)
+    bus.subscribe(ODOM, ODOM_KEY)
     return bus
 
 
 def robot_on(endpoint: str, naming: Naming) -> tuple[RobotBus, Mailbox]:
-    """A robot's bus, which is the router: it hears commands, and says odometry."""
+    """Open a robot's bus, which is the router: it receives commands and publishes odometry."""
     mailbox = Mailbox()
     bus = RobotBus((endpoint,), naming, mailbox, mode="router", node="robot")
     bus.subscribe(CMD_VEL, COMMAND)
-    bus.advertise(ODOM, RECEIVED)
+    bus.advertise(ODOM, ODOM_KEY)
     return bus, mailbox

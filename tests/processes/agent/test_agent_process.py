@@ -26,13 +26,13 @@ from formation.wire import Sample
 from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
-COMMAND, RECEIVED, PLACE, LIFE, STATUS = (
+COMMAND, ODOM_KEY, PLACE, LIFE, STATUS = (
     f"robot2/{name}" for name in ("cmd_vel", "odom", "position", "alive", "status")
 )
 
 
-class Around:
-    """What the test plays around an agent of robot2: its robot, which is the router, and the fleet."""
+class Scene:
+    """An agent of robot2, and what the test plays for it: its robot, which is the router, and the fleet."""
 
     def __init__(self, folder: Path, ros: Ros = "ros2dds") -> None:
         text, source = read("six_robots")
@@ -55,50 +55,50 @@ class Around:
     def robot(self) -> Iterator[RobotBus]:
         naming = Naming.of(self.mission.robots, ["robot2"])
         with RobotBus((self.robot_end,), naming, self.at_robot, mode="router", node="robot") as bus:
-            for key in (PLACE, LIFE, STATUS, COMMAND):  # the agent asks who listens to the last
+            for key in (PLACE, LIFE, STATUS, COMMAND):  # the agent checks for listeners to the last
                 bus.subscribe(address(key).topic, key)
-            bus.advertise(ODOM, RECEIVED)
+            bus.advertise(ODOM, ODOM_KEY)
             yield bus
 
     @contextmanager
     def fleet(self) -> Iterator[Bus]:
         with Bus(BusConfig(connect=(self.agent_end,)), self.in_fleet) as bus:
-            for key in (COMMAND, PLACE, RECEIVED, STATUS):
+            for key in (COMMAND, PLACE, ODOM_KEY, STATUS):
                 bus.subscribe(key)
             yield bus
 
-    def drive(self, robot: RobotBus, times: int) -> list[bytes]:
-        """Say odometry, each time when the agent has taken the last; what was said."""
+    def publish_odometry(self, robot: RobotBus, times: int) -> list[bytes]:
+        """Publish odometry, each time after the agent has received the last; return the payloads."""
         result = []
-        until(lambda: bool(robot.routed(RECEIVED)))
+        until(lambda: bool(robot.routed(ODOM_KEY)))
         for _ in range(times):
-            before = self.in_fleet.received[RECEIVED]
+            before = self.in_fleet.received[ODOM_KEY]
             result.append(encode(Odometry(time.time(), -1.5 + 2.0j, 1 + 0j, 0.0, 0.0)))
-            robot.publish(RECEIVED, result[-1])
-            until(lambda before=before: self.in_fleet.received[RECEIVED] > before)  # type: ignore[misc]
+            robot.publish(ODOM_KEY, result[-1])
+            until(lambda before=before: self.in_fleet.received[ODOM_KEY] > before)  # type: ignore[misc]
         return result
 
     def link(self) -> str:
-        """The link to the robot, by the agent's newest status; empty before the first."""
-        self.listen()
+        """Return the link to the robot by the agent's newest status; empty before the first."""
+        self.drain()
         result = payloads(self.from_fleet, STATUS)
         return decode(Diagnostics, result[-1]).statuses[0].values["link"] if result else ""
 
-    def listen(self) -> None:
-        """Take what has arrived on both sides."""
+    def drain(self) -> None:
+        """Store what has arrived at the robot and in the fleet."""
         self.from_robot += self.at_robot.drain()
         self.from_fleet += self.in_fleet.drain()
 
-    def finish_reading(self, summary: dict[str, Any]) -> None:
-        """The same, when all has arrived that an agent which has ended told its robot."""
+    def drain_to_end(self, summary: dict[str, Any]) -> None:
+        """Drain after the robot has received everything that the ended agent published to it."""
         reported: dict[str, int] = summary["robot"]["published"]
         until(lambda: all(self.at_robot.received[key] >= count for key, count in reported.items()))
-        self.listen()
+        self.drain()
 
 
 @pytest.fixture(params=["ros2dds", "rmw_zenoh"])
-def around(tmp_path: Path, request: pytest.FixtureRequest) -> Around:
-    return Around(tmp_path, request.param)
+def scene(tmp_path: Path, request: pytest.FixtureRequest) -> Scene:
+    return Scene(tmp_path, request.param)
 
 
 def payloads(samples: Sequence[Sample], key: str) -> list[bytes]:
@@ -106,123 +106,123 @@ def payloads(samples: Sequence[Sample], key: str) -> list[bytes]:
 
 
 @pytest.mark.smoke
-def test_agent_commands_robot_and_publishes_inputs_to_fleet(around: Around) -> None:
-    with around.robot() as robot, around.agent() as child, around.fleet():
-        until(lambda: around.link() == "connected")
-        result = around.drive(robot, 5)
-        until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[PLACE] == 5)
+def test_agent_commands_robot_and_publishes_inputs_to_fleet(scene: Scene) -> None:
+    with scene.robot() as robot, scene.agent() as child, scene.fleet():
+        until(lambda: scene.link() == "connected")
+        result = scene.publish_odometry(robot, 5)
+        until(lambda: scene.at_robot.received[PLACE] == 5 and scene.in_fleet.received[PLACE] == 5)
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
-        around.finish_reading(summary)
-    assert payloads(around.from_fleet, RECEIVED) == result
-    assert len(payloads(around.from_robot, LIFE)) >= 5
-    orders = [sample.attachment for sample in around.from_fleet if sample.key == PLACE]
+        scene.drain_to_end(summary)
+    assert payloads(scene.from_fleet, ODOM_KEY) == result
+    assert len(payloads(scene.from_robot, LIFE)) >= 5
+    orders = [sample.attachment for sample in scene.from_fleet if sample.key == PLACE]
     assert all(order.decode(order.PositionAttachment, attachment or b"") for attachment in orders)
-    assert payloads(around.from_robot, PLACE) == payloads(around.from_fleet, PLACE)
-    places = [decode(Pose, payload).position for payload in payloads(around.from_robot, PLACE)]
+    assert payloads(scene.from_robot, PLACE) == payloads(scene.from_fleet, PLACE)
+    places = [decode(Pose, payload).position for payload in payloads(scene.from_robot, PLACE)]
     assert places == [-1.5 + 2.0j] * 5
-    commands = payloads(around.from_robot, COMMAND)
+    commands = payloads(scene.from_robot, COMMAND)
     assert commands[-1] == encode(Twist(0.0, 0.0))
     assert summary["robot"]["published"][COMMAND] == len(commands)
-    assert summary["robot"]["received"] == {RECEIVED: 5}
-    assert summary["published"][RECEIVED] == 5
+    assert summary["robot"]["received"] == {ODOM_KEY: 5}
+    assert summary["published"][ODOM_KEY] == 5
     assert LIFE not in summary["published"]
     assert (summary["received"], summary["refused"]) == ({}, {})
 
 
 @pytest.mark.smoke
-def test_a_readonly_agent_does_everything_but_move(around: Around) -> None:
-    with around.robot() as robot, around.agent("--readonly") as child, around.fleet():
-        until(lambda: around.link() == "connected")
-        around.drive(robot, 5)
-        until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[COMMAND] >= 5)
+def test_readonly_agent_sends_no_commands_to_robot(scene: Scene) -> None:
+    with scene.robot() as robot, scene.agent("--readonly") as child, scene.fleet():
+        until(lambda: scene.link() == "connected")
+        scene.publish_odometry(robot, 5)
+        until(lambda: scene.at_robot.received[PLACE] == 5 and scene.in_fleet.received[COMMAND] >= 5)
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
-        around.finish_reading(summary)
-    assert {sample.key for sample in around.from_robot} == {PLACE, STATUS}
+        scene.drain_to_end(summary)
+    assert {sample.key for sample in scene.from_robot} == {PLACE, STATUS}
     assert summary["published"][COMMAND] >= 5
     assert not {COMMAND, LIFE} & set(summary["robot"]["published"])
-    newest = decode(Diagnostics, payloads(around.from_fleet, STATUS)[0]).statuses[0]
+    newest = decode(Diagnostics, payloads(scene.from_fleet, STATUS)[0]).statuses[0]
     assert "readonly" in newest.message
 
 
-def test_agent_starts_without_robot_and_reports_link(around: Around) -> None:
-    with around.agent(), around.fleet():
-        until(lambda: around.in_fleet.received[STATUS] > 0)
-        assert around.link() == "not_connected"
-        with around.robot() as robot:
-            until(lambda: around.link() == "connected")
-            around.drive(robot, 2)
-        until(lambda: around.link() == "not_connected")
-        with around.robot() as robot:
-            until(lambda: around.link() == "connected")
-            around.drive(robot, 2)
+def test_agent_starts_without_robot_and_reports_link(scene: Scene) -> None:
+    with scene.agent(), scene.fleet():
+        until(lambda: scene.in_fleet.received[STATUS] > 0)
+        assert scene.link() == "not_connected"
+        with scene.robot() as robot:
+            until(lambda: scene.link() == "connected")
+            scene.publish_odometry(robot, 2)
+        until(lambda: scene.link() == "not_connected")
+        with scene.robot() as robot:
+            until(lambda: scene.link() == "connected")
+            scene.publish_odometry(robot, 2)
 
 
-def test_a_route_that_is_lost_is_named_in_the_status(tmp_path: Path) -> None:
-    around = Around(tmp_path)
-    naming = Naming.of(around.mission.robots, ["robot2"])
+def test_status_reports_no_listener_without_cmd_vel_subscriber(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    naming = Naming.of(scene.mission.robots, ["robot2"])
     with (
-        RobotBus((around.robot_end,), naming, Mailbox(), mode="router"),
-        around.agent(),
-        around.fleet(),
+        RobotBus((scene.robot_end,), naming, Mailbox(), mode="router"),
+        scene.agent(),
+        scene.fleet(),
     ):
-        until(lambda: around.link() == "no_listener")
+        until(lambda: scene.link() == "no_listener")
 
 
-def test_an_operator_is_answered_over_the_fleets_bus(tmp_path: Path) -> None:
-    around = Around(tmp_path)
-    with around.agent(), around.fleet() as bus:
-        until(lambda: around.in_fleet.received[STATUS] > 0)
+def test_agent_answers_stop_request_on_fleet_bus(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    with scene.agent(), scene.fleet() as bus:
+        until(lambda: scene.in_fleet.received[STATUS] > 0)
         (reply,) = bus.ask("robot2/order", b'{"do":"stop"}', timeout=PATIENCE)
         assert order.decode(OperatorReply, reply.payload).mode == "stop"
 
 
 def test_stop_survives_killed_agent_until_its_release(tmp_path: Path) -> None:
-    around, state = Around(tmp_path), ("--state", str(tmp_path / "state"))
+    scene, state = Scene(tmp_path), ("--state", str(tmp_path / "state"))
     modes = []
 
     def ask(bus: Bus, request: bytes) -> OperatorReply:
-        before = around.in_fleet.received[STATUS]
-        until(lambda: around.in_fleet.received[STATUS] > before)
+        before = scene.in_fleet.received[STATUS]
+        until(lambda: scene.in_fleet.received[STATUS] > before)
         (reply,) = bus.ask("robot2/order", request, timeout=PATIENCE)
         return order.decode(OperatorReply, reply.payload)
 
-    with around.agent(*state) as child, around.fleet() as bus:
+    with scene.agent(*state) as child, scene.fleet() as bus:
         modes.append(ask(bus, b'{"do":"stop","id":"s"}').mode)
         child.signal(signal.SIGKILL)
-    with around.agent(*state), around.fleet() as bus:
+    with scene.agent(*state), scene.fleet() as bus:
         modes += [ask(bus, request).mode for request in (b'{"do":"run"}', b'{"do":"release","ends":["s"]}')]
     assert modes == ["stop", "stop", "hold"]
 
 
-def test_two_agents_of_one_robot_notice_each_other(tmp_path: Path) -> None:
-    around = Around(tmp_path)
-    second = ("-l", free_endpoint(), "-e", around.agent_end, "--robot-connect", around.robot_end)
+def test_status_reports_another_agent_of_same_robot(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    second = ("-l", free_endpoint(), "-e", scene.agent_end, "--robot-connect", scene.robot_end)
     with (
-        around.robot() as robot,
-        around.agent(),
-        started("formation.agent", str(around.file), "--robot", "robot2", *second),
-        around.fleet(),
+        scene.robot() as robot,
+        scene.agent(),
+        started("formation.agent", str(scene.file), "--robot", "robot2", *second),
+        scene.fleet(),
     ):
-        until(lambda: around.link() == "connected")
-        around.drive(robot, 2)
+        until(lambda: scene.link() == "connected")
+        scene.publish_odometry(robot, 2)
 
-        def noticed() -> bool:
-            around.listen()
-            return b"another agent" in payloads(around.from_fleet, STATUS)[-1]
+        def reported_other_agent() -> bool:
+            scene.drain()
+            return b"another agent" in payloads(scene.from_fleet, STATUS)[-1]
 
-        until(noticed)
+        until(reported_other_agent)
 
 
 def test_second_agent_for_same_robot_ends_with_error(tmp_path: Path) -> None:
-    around = Around(tmp_path)
+    scene = Scene(tmp_path)
     with (
-        around.agent(),
-        started("formation.agent", str(around.file), "--robot", "robot2", "-l", around.agent_end) as second,
+        scene.agent(),
+        started("formation.agent", str(scene.file), "--robot", "robot2", "-l", scene.agent_end) as second,
     ):
         assert second.wait() == 2
         assert second.errors == (
-            f"robot2: cannot listen on {around.agent_end}: the address is in use;"
+            f"robot2: cannot listen on {scene.agent_end}: the address is in use;"
             " is there a second agent robot2 on this machine?\n"
         )

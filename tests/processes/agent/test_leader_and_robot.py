@@ -1,4 +1,4 @@
-"""What the leader and the simulated robots have in common as processes: how they end, and bad input."""
+"""Leader and simulated robots as processes: how they end, and how they refuse bad input."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def test_signal_ends_process_with_summary_and_exit_0(module: str, number: signal
         (["six_robots", "--cfg", "lease"], "must be PATH:VALUE"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(module: str, arguments: list[str], why: str) -> None:
+def test_bad_input_prints_one_line_and_exits_2(module: str, arguments: list[str], why: str) -> None:
     with started(module, *arguments) as child:
         assert child.wait() == 2
         assert child.errors.count("\n") == 1
         assert why in child.errors
 
 
-def test_a_port_that_is_taken_is_named() -> None:
+def test_endpoint_in_use_is_named_in_error() -> None:
     end = free_endpoint()
     with leader(end), started("formation.leader", "six_robots", "-l", end) as second:
         assert second.wait() == 2
@@ -56,7 +56,7 @@ def test_a_port_that_is_taken_is_named() -> None:
 
 
 @pytest.mark.parametrize("module", ["formation.leader", "formation.agent.simulated"])
-def test_it_ends_when_its_parent_dies(module: str) -> None:
+def test_process_ends_when_parent_is_killed(module: str) -> None:
     parent = (
         "import os, subprocess, sys, time\n"
         f"argv = [sys.executable, '-m', '{module}', 'six_robots', '-l', '{free_endpoint()}']\n"
@@ -68,6 +68,6 @@ def test_it_ends_when_its_parent_dies(module: str) -> None:
         assert '"ready"' in between.stdout.readline()
         between.kill()
         killed = time.monotonic()
-        rest = between.stdout.read()  # ends when nobody holds this pipe any more: the child has ended, too
+        rest = between.stdout.read()  # returns when the pipe is closed: the child has ended, too
     assert '"summary"' in rest
     assert time.monotonic() - killed < 5.0

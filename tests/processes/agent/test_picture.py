@@ -27,9 +27,9 @@ at_the_end()
 """
 
 
-def test_a_picture_shows_robots_on_a_floor(tmp_path: Path) -> None:
+def test_picture_shows_robots_on_floor(tmp_path: Path) -> None:
     file = tmp_path / "end.png"
-    # MuJoCo reads what it is to render with when it is loaded, which other tests have done by now
+    # MuJoCo reads MUJOCO_GL when it is imported, which other tests may have done already
     words = [sys.executable, "-W", "error", "-c", SCRIPT, str(file)]
     subprocess.run(words, env={**os.environ, "MUJOCO_GL": "egl"}, check=True)
     with Image.open(file) as picture:

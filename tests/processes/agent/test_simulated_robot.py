@@ -1,4 +1,4 @@
-"""Simulated robots as real processes, which are their own ROS 2 routers."""
+"""Simulated robots as real processes, each of which is its own ROS 2 router."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from formation.mission.file import read
 from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
 from formation.topics import CMD_VEL, GROUND_TRUTH
 from formation.wire import Sample
-from tests.processes.agent.leader_and_robot import beside, leader, received, robot2
+from tests.processes.agent.leader_and_robot import agent_side, leader, received, robot2
 from tests.support.child import free_endpoint, started, until
 from tests.support.zenoh_admin import inspect
 
@@ -22,15 +22,15 @@ pytestmark = pytest.mark.processes
 
 def test_simulated_robot_moves_and_stops_as_commanded() -> None:
     end = free_endpoint()
-    with robot2(end) as child, beside(end, "robot2/odom", "robot2/ground_truth") as (bus, box):
+    with robot2(end) as child, agent_side(end, "robot2/odom", "robot2/ground_truth") as (bus, box):
         bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        at_rest = newest_odometry(received(box, odometry))
+        at_rest = newest_odometry(received(box, has_odometry))
         assert at_rest is not None
         assert at_rest.position == -1.5 + 2.0j
         bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)))
-        moving = received(box, lambda samples: is_at(samples, 0.5) and len(samples) >= 40)
+        moving = received(box, lambda samples: newest_speed_is(samples, 0.5) and len(samples) >= 40)
         bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.0)))
-        stopped = newest_odometry(received(box, lambda samples: is_at(samples, 0.0)))
+        stopped = newest_odometry(received(box, lambda samples: newest_speed_is(samples, 0.0)))
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
     fast = [one for one in map(odometry_of, moving) if one is not None and one.speed == 0.5]
@@ -44,14 +44,14 @@ def test_simulated_robot_moves_and_stops_as_commanded() -> None:
     assert (summary["published"], summary["received"]) == ({}, {})
 
 
-def test_invalid_commands_move_nothing_and_are_reported() -> None:
+def test_invalid_commands_move_nothing_and_are_counted() -> None:
     end = free_endpoint()
-    with robot2(end) as child, beside(end, "robot2/odom") as (bus, box):
+    with robot2(end) as child, agent_side(end, "robot2/odom") as (bus, box):
         bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        received(box, odometry)
+        received(box, has_odometry)
         bus.publish("robot2/cmd_vel", b"\x00\x01\x00\x00 and too short")
         bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)).replace(b"\xe0\x3f", b"\xf8\x7f"))
-        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # after the others, so it tells when to look
+        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # sent last: then all have arrived
         turning = received(box, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
@@ -60,7 +60,7 @@ def test_invalid_commands_move_nothing_and_are_reported() -> None:
     assert summary["dropped"] == {"robot2/cmd_vel": 2, "overflowed": 0}
 
 
-def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> None:
+def test_simulated_sensor_measures_leader_of_another_process(tmp_path: Path) -> None:
     text, _ = read("six_robots")
     mission = tmp_path / "local.toml"
     mission.write_text(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), encoding="utf-8")
@@ -70,28 +70,28 @@ def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> 
         started(
             "formation.agent.simulated", str(mission), "--robot", "robot2", "-l", end, "-e", lead
         ) as robot,
-        beside(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
+        agent_side(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
     ):
         robot.event("ready")
-        # it may take the robot longer to find the leader than us to find the robot
-        samples = received(box, lambda samples: sum(map(is_odometry, since_a_sight(samples))) >= 12)
-    sights = [sample for sample in samples if not is_odometry(sample)]
-    seen = decode(Displacement, sights[-1].payload).displacement
+        # the robot may link with the leader later than the test with the robot
+        samples = received(box, lambda samples: sum(map(is_odometry, since_first_measurement(samples))) >= 12)
+    measurements = [sample for sample in samples if not is_odometry(sample)]
+    seen = decode(Displacement, measurements[-1].payload).displacement
     assert seen * 1j + (-1.5 + 2.2j) == pytest.approx(0.0, abs=1e-6)
-    # odometry sets the agent off, so it must not overtake what the sensor saw at the same moment
-    moments = [stamp(sample) for sample in samples if stamp(sample) >= stamp(sights[0])]
+    # odometry triggers the agent's step, so it must arrive after measurements of the same time
+    moments = [stamp(sample) for sample in samples if stamp(sample) >= stamp(measurements[0])]
     assert moments == sorted(moments)
     assert all(is_odometry(later) for earlier, later in pairwise(samples) if stamp(earlier) == stamp(later))
-    assert len(sights) >= 5
+    assert len(measurements) >= 5
 
 
-def test_nothing_is_published_before_the_monitor_listens() -> None:
+def test_await_monitor_delays_publishing_until_monitor_subscribes() -> None:
     end = free_endpoint()
     with robot2(end, "--await-monitor", "60") as child:
-        with beside(end, "robot2/odom") as (bus, box):
+        with agent_side(end, "robot2/odom") as (bus, box):
             bus.advertise(CMD_VEL, "robot2/cmd_vel")
             until(lambda: bool(bus.routed("robot2/cmd_vel")))  # so the link is up
-            assert not box.wait(1.0), "it spoke before a monitor listened to its ground truth"
+            assert not box.wait(1.0), "published before a monitor listened to its ground truth"
             bus.subscribe(GROUND_TRUTH, "robot2/ground_truth")
             first = received(box, lambda samples: len(samples) >= 8)
         child.signal(signal.SIGTERM)
@@ -100,7 +100,7 @@ def test_nothing_is_published_before_the_monitor_listens() -> None:
     assert summary["robot"]["published"]["robot2/odom"] >= 4
 
 
-def test_unknown_robot_is_refused_by_name() -> None:
+def test_unknown_robot_name_is_refused() -> None:
     with started("formation.agent.simulated", "six_robots", "--robot", "robot9") as child:
         assert child.wait() == 2
         why = "robot 'robot9': must be a follower of six-robots: robot2, robot3, robot4, robot5, robot6"
@@ -127,7 +127,7 @@ def test_robots_listen_on_one_endpoint_each_or_shared() -> None:
         assert child.errors == f"robot2 robot3: {why}\n"
 
 
-def test_robots_that_ros_cannot_tell_apart_cannot_share_an_endpoint(tmp_path: Path) -> None:
+def test_robots_without_namespace_cannot_share_an_endpoint(tmp_path: Path) -> None:
     text, _ = read("six_robots")
     mission = tmp_path / "nameless.toml"
     mission.write_text(text.replace("rate = 20 ", 'rate = 20\nnamespace = "" '), encoding="utf-8")
@@ -147,12 +147,12 @@ def is_odometry(sample: Sample) -> bool:
     return sample.key == "robot2/odom"
 
 
-def since_a_sight(samples: Sequence[Sample]) -> list[Sample]:
-    """Those that came since the sensor saw something."""
+def since_first_measurement(samples: Sequence[Sample]) -> list[Sample]:
+    """Return the samples since the first measurement."""
     return list(dropwhile(is_odometry, samples))
 
 
-def odometry(samples: Sequence[Sample]) -> bool:
+def has_odometry(samples: Sequence[Sample]) -> bool:
     return any(map(is_odometry, samples))
 
 
@@ -170,11 +170,11 @@ def turn_rate(sample: Sample) -> float:
 
 
 def newest_odometry(samples: Sequence[Sample]) -> Odometry | None:
-    """The last odometry among samples of all kinds."""
+    """Return the last odometry among samples of all kinds."""
     return next(filter(None, map(odometry_of, reversed(samples))), None)
 
 
-def is_at(samples: Sequence[Sample], speed: float) -> bool:
-    """Whether the newest odometry says so."""
+def newest_speed_is(samples: Sequence[Sample], speed: float) -> bool:
+    """Whether the newest odometry has this speed."""
     newest = newest_odometry(samples)
     return newest is not None and newest.speed == speed

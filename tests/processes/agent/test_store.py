@@ -1,4 +1,4 @@
-"""The files of an agent: whole at every moment, and nobody waits for their disk."""
+"""Files of an agent: complete at every moment, and written without blocking the agent."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def until(condition: Callable[[], Any]) -> None:
         time.sleep(0.001)
 
 
-def test_agent_that_never_ran_saved_nothing(files: Store) -> None:
+def test_new_store_reads_none(files: Store) -> None:
     assert files.read_stops() is None
     assert files.read_state() is None
 
 
-def test_what_was_kept_is_read_by_the_next(files: Store) -> None:
+def test_next_store_reads_stops_and_state(files: Store) -> None:
     files.write_stops({"mode": "stop"})
     files.write_state({"long": "x" * 500})
     files.write_state({"mono": 1.5})
@@ -46,7 +46,7 @@ def test_what_was_kept_is_read_by_the_next(files: Store) -> None:
         assert after.failure == ""
 
 
-def test_two_robots_on_one_computer_keep_their_things_apart(files: Store) -> None:
+def test_two_robots_in_one_folder_have_separate_files(files: Store) -> None:
     with closing(Store(files.stops.parent, "robot3")) as other:
         other.write_stops({"mode": "stop"})
         other.write_state({"mono": 1.5})
@@ -54,7 +54,7 @@ def test_two_robots_on_one_computer_keep_their_things_apart(files: Store) -> Non
     assert files.read_state() is None
 
 
-def test_the_newest_is_what_is_kept_in_the_end(files: Store) -> None:
+def test_newest_stops_and_state_are_stored_at_close(files: Store) -> None:
     for number in range(300):
         files.write_stops({"number": number})
         files.write_state({"number": number})
@@ -69,11 +69,14 @@ def test_stops_file_is_always_whole(files: Store) -> None:
         files.write_stops({"number": number, "answers": {str(i): "x" * 100 for i in range(64)}})
         if (text := files.read_stops()) is not None:
             found.append(json.loads(text)["number"])
+    files.close()
+    found.append(json.loads(files.read_stops() or b"")["number"])
     assert found == sorted(found)
+    assert found[-1] == 499
 
 
 @pytest.mark.parametrize("torn", [b"", b"\n", b"12345678", b"12345678 {}\n"])
-def test_a_way_that_was_written_in_part_is_not_read(files: Store, torn: bytes) -> None:
+def test_incomplete_state_file_raises_os_error(files: Store, torn: bytes) -> None:
     files.state.write_bytes(torn)
     with pytest.raises(OSError, match="was not written to its end"):
         files.read_state()
@@ -88,20 +91,20 @@ def test_state_set_aside_is_not_read_again(files: Store) -> None:
     assert files.read_state() is None
 
 
-def test_reading_a_pipe_does_not_wait(files: Store) -> None:
+def test_reading_pipe_raises_os_error(files: Store) -> None:
     os.mkfifo(files.stops)
     with pytest.raises(OSError, match="must be a file"):
         files.read_stops()
 
 
-def test_what_is_far_too_long_is_not_read_to_its_end(files: Store) -> None:
+def test_reader_stops_at_max_file_bytes(files: Store) -> None:
     files.stops.write_bytes(b" " * (store.MAX_FILE_BYTES + 1))
     with pytest.raises(OSError, match="is longer than anything that an agent keeps"):
         files.read_stops()
 
 
 class Hanging:
-    """A disk that takes nothing until it is let go."""
+    """A disk on which `calls` block until `go_on` is set."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *calls: str) -> None:
         self.go_on, self.requested = threading.Event(), 0
@@ -125,7 +128,7 @@ def test_hanging_disk_delays_neither_stop_nor_next_stop(
     files.write_state({"mono": 1.0})
     files.write_stops({"number": 1})
     until(lambda: disk.requested == 2)
-    files.write_stops({"number": 2})  # while the one before is being forced to the disk
+    files.write_stops({"number": 2})  # while the first is being forced to the disk
     until(lambda: b"2" in (files.read_stops() or b""))
     for _ in range(100):
         files.write_state({"mono": 2.0})
@@ -143,10 +146,10 @@ def test_close_does_not_wait_forever_for_hanging_disk(files: Store, monkeypatch:
     disk.go_on.set()
 
 
-def test_what_cannot_be_written_is_said_until_it_can(files: Store) -> None:
+def test_failure_is_reported_until_write_succeeds(files: Store) -> None:
     files.stops.mkdir()
     files.write_stops({"mode": "stop"})
-    assert not files.written(30.0), "and nobody waits for so long"
+    assert not files.written(30.0), "a failed write is reported as written"
     until(lambda: files.failure)
     assert "directory" in files.failure
     files.stops.rmdir()
@@ -155,7 +158,7 @@ def test_what_cannot_be_written_is_said_until_it_can(files: Store) -> None:
     until(lambda: not files.failure)
 
 
-def test_a_worker_does_what_it_was_asked_for_last() -> None:
+def test_worker_runs_newest_job_and_skips_replaced_ones() -> None:
     worker, done, go_on = Worker("test"), list[int](), threading.Event()
     worker.do(lambda: done.append(0 if go_on.wait(30.0) else -1))
     for number in range(1, 50):
@@ -166,5 +169,5 @@ def test_a_worker_does_what_it_was_asked_for_last() -> None:
     assert len(done) <= 3
 
 
-def test_a_boot_has_one_name() -> None:
+def test_boot_id_is_constant_and_not_empty() -> None:
     assert boot_id() == boot_id() != ""

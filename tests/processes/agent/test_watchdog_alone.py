@@ -1,6 +1,6 @@
-"""A watchdog beside a simulated robot, whose agent is played here: whom it stops, and whom it leaves alone.
+"""A watchdog with a simulated robot and an agent played by the test: when it sends zero, and when not.
 
-How often it says zero is counted on a simulated clock (`tests/unit/agent/test_watchdog.py`); here, that it
+How often it sends zero is tested on a simulated clock (`tests/unit/agent/test_watchdog.py`); here, that zero
 arrives.
 """
 
@@ -23,10 +23,10 @@ pytestmark = pytest.mark.processes
 
 
 TWIST = ("ros2dds", "twist")
-both = pytest.mark.parametrize(
+both_transports = pytest.mark.parametrize(
     "scene", [TWIST, ("rmw_zenoh", "twist_stamped")], ids=lambda wire: wire[0], indirect=True
 )
-"""Both spellings, each with another type of command."""
+"""Both ROS 2 transports, each with another type of command."""
 
 
 @pytest.fixture
@@ -35,8 +35,8 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Scene]:
         yield Scene(stack, tmp_path, *getattr(request, "param", TWIST))
 
 
-def ended(child: Child) -> str:
-    """End a watchdog; its log."""
+def log_after_end(child: Child) -> str:
+    """End a watchdog; return its log."""
     child.signal(signal.SIGTERM)
     published = child.event("summary")["robot"]["published"]
     assert child.wait() == 0
@@ -44,23 +44,23 @@ def ended(child: Child) -> str:
     return child.errors
 
 
-def parked(watchdog: Child, times: int = 1) -> None:
-    """Wait until a watchdog has parked its robot so often."""
+def wait_until_parked(watchdog: Child, times: int = 1) -> None:
+    """Wait until a watchdog has parked its robot this many times."""
     until(lambda: watchdog.log.count(PARKED) == times)
 
 
-def said_for_half_a_second(scene: Scene, zeros: list[float]) -> bool:
-    """Whether zero was said for so long to park a robot, but for times when this machine stood still.
+def zero_was_sent_for_parking_time(scene: Scene, zeros: list[float]) -> bool:
+    """Whether zero was sent for `PARKING_TIME`, apart from stalls of this machine and late reception here.
 
-    And but for how late it was heard here: this process waits for its turn longer than the watchdog.
+    This process has a lower priority than the watchdog.
     """
     start, end = zeros[0], zeros[-1]
-    stood_still = end + PERIOD - start - scene.ran(start, end + PERIOD)
-    return abs(end + PERIOD - start - PARKING_TIME) <= PERIOD + stood_still + scene.late(start, end)
+    stood_still = end + PERIOD - start - scene.time_without_stalls(start, end + PERIOD)
+    return abs(end + PERIOD - start - PARKING_TIME) <= PERIOD + stood_still + scene.max_delay(start, end)
 
 
-@both
-def test_silent_agents_robot_stays_stopped_until_farewell(
+@both_transports
+def test_watchdog_stops_robot_of_silent_agent_until_farewell(
     scene: Scene,
 ) -> None:
     scene.robot()
@@ -68,15 +68,15 @@ def test_silent_agents_robot_stays_stopped_until_farewell(
     watchdog = scene.watchdog()
     assert {one.speed for one in scene.drive(1.0, alive=True)} == {SPEED}
     silent = scene.drove
-    assert scene.ran(silent, scene.stands(silent).moment) < 0.4
+    assert scene.time_without_stalls(silent, scene.wait_for_standstill(silent).moment) < 0.4
     for _ in range(10):
-        assert scene.obeyed(scene.command()) <= 4.0 * PERIOD, "a late command was obeyed for long"
-    before, left = watchdog.log.count(PARKED), scene.leave()
-    parked(watchdog, before + 1)
-    assert scene.newest().speed == 0.0
-    assert said_for_half_a_second(scene, scene.zeros(left))
-    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}, "driven by hand"
-    assert "THE AGENT IS SILENT" in ended(watchdog)
+        assert scene.time_obeyed(scene.command()) <= 4.0 * PERIOD, "a late command was obeyed for too long"
+    before, left = watchdog.log.count(PARKED), scene.send_farewell()
+    wait_until_parked(watchdog, before + 1)
+    assert scene.next_odometry().speed == 0.0
+    assert zero_was_sent_for_parking_time(scene, scene.times_of_zero(left))
+    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}, "it cannot be driven by hand"
+    assert "THE AGENT IS SILENT" in log_after_end(watchdog)
 
 
 @pytest.mark.smoke
@@ -87,54 +87,54 @@ def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     scene.drive(0.5, alive=True)
     silent = scene.drove
 
-    def slowly() -> bool:
-        """Whether by now it says zero each second only, and has just done so."""
-        zeros = scene.zeros(silent)
+    def sends_zero_slowly() -> bool:
+        """Whether zero is sent only once a second by now, and has just been sent."""
+        zeros = scene.times_of_zero(silent)
         return (
             len(zeros) > 2
             and zeros[-2] - zeros[0] > BRAKING_TIME - SLOW_PERIOD
             and zeros[-1] - zeros[-2] > 0.9 * SLOW_PERIOD
         )
 
-    until(slowly)
+    until(sends_zero_slowly)
     sent = scene.command()
-    until(lambda: SPEED in {one.speed for one in scene.wheels(sent)})  # it has come
-    drove = next(one.moment for one in scene.wheels(sent) if one.speed == SPEED)
-    assert "SIGTERM" in ended(watchdog)
-    until(lambda: scene.last_word() == 0.0)
-    stood = scene.stands(drove).moment  # it stood after it was told to drive, too, until that had come
-    assert scene.newest().speed == 0.0
-    assert {one.speed for one in scene.wheels(stood)} == {0.0}
+    until(lambda: SPEED in {one.speed for one in scene.odometry(sent)})  # the command has arrived
+    drove = next(one.moment for one in scene.odometry(sent) if one.speed == SPEED)
+    assert "SIGTERM" in log_after_end(watchdog)
+    until(lambda: scene.last_speed() == 0.0)
+    stood = scene.wait_for_standstill(drove).moment  # it also stood before the command to drive had arrived
+    assert scene.next_odometry().speed == 0.0
+    assert {one.speed for one in scene.odometry(stood)} == {0.0}
 
 
-@both
+@both_transports
 def test_ending_agent_sends_farewell_and_allows_manual_driving(
     scene: Scene,
 ) -> None:
     scene.robot()
     watchdog = scene.watchdog()
-    parked(watchdog)
+    wait_until_parked(watchdog)
     links = ["-l", free_endpoint(), "-e", free_endpoint(), "--robot-connect", scene.endpoint]
     began = time.time()
     flags = [str(scene.file), "--robot", "robot2", *links]
     with started("formation.agent", *flags, nice=NICE["formation.agent"]) as agent:
         agent.event("ready")
-        until(lambda: len(scene.signs(began)) > 20)
+        until(lambda: len(scene.signs_of_life(began)) > 20)
         agent.signal(signal.SIGTERM)
         assert agent.event("summary")["robot"]["published"][LIFE] > 10
     until(lambda: watchdog.log.rstrip().endswith(PARKED))
     assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
-    log = ended(watchdog)
+    log = log_after_end(watchdog)
     assert "watching" in log
-    assert log.count("SILENT") <= gaps(scene.signs(began)), "it took its leave too late, or not at all"
+    assert log.count("SILENT") <= gaps(scene.signs_of_life(began)), "the farewell came too late or never"
 
 
-@both
+@both_transports
 def test_once_stops_robot_and_replaces_missing_farewell(scene: Scene) -> None:
     scene.robot()
     watchdog = scene.watchdog()
     scene.drive(1.0, alive=True)
-    scene.stands(scene.drove)
+    scene.wait_for_standstill(scene.drove)
     before = watchdog.log.count(PARKED)
     once = scene.watchdog("--once")
     published = once.event("summary")["robot"]["published"]
@@ -142,23 +142,23 @@ def test_once_stops_robot_and_replaces_missing_farewell(scene: Scene) -> None:
     assert 1 < published[COMMAND] <= PARKING_TIME / PERIOD
     assert published[LIFE] == 1
     assert once.wait() == 0
-    parked(watchdog, before + 1)
+    wait_until_parked(watchdog, before + 1)
     assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
-    assert "driven by hand" in ended(watchdog)
+    assert "driven by hand" in log_after_end(watchdog)
 
 
 @pytest.mark.smoke
-def test_once_stops_a_robot_that_has_no_watchdog(scene: Scene) -> None:
+def test_once_stops_robot_without_watchdog(scene: Scene) -> None:
     scene.robot()
     scene.listen()
     assert scene.drive(0.5, alive=True)[-1].speed == SPEED
     assert scene.watchdog("--once").wait() == 0
-    assert scene.newest().speed == 0.0
-    assert said_for_half_a_second(scene, scene.zeros())
-    assert {one.speed for one in scene.wheels(scene.zeros()[-1])} == {0.0}
+    assert scene.next_odometry().speed == 0.0
+    assert zero_was_sent_for_parking_time(scene, scene.times_of_zero())
+    assert {one.speed for one in scene.odometry(scene.times_of_zero()[-1])} == {0.0}
 
 
-def test_once_says_by_its_exit_code_that_no_robot_listened(scene: Scene) -> None:
+def test_once_exits_1_when_no_robot_listens(scene: Scene) -> None:
     started_at = time.monotonic()
     assert scene.watchdog("--once").wait() == 1
     with Bus(BusConfig(listen=(scene.endpoint,), mode="router")):

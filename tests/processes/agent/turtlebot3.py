@@ -1,13 +1,14 @@
-"""A TurtleBot3 Burger, played on a Zenoh router of its own: what ROS 2 on the robot would put on the wire.
+"""A TurtleBot3 Burger, played on its own Zenoh router: it sends what ROS 2 on the robot would send.
 
-Nothing here uses the code under test but the physics of `formation.agent.simulated.plant`: keys, hashes,
-attachments and tokens are spelled out once more, messages are pycdr2's, and the session is bare. After the
-published sources:
+Of the code under test it uses only the physics, `formation.agent.simulated.plant`: keys, hashes,
+attachments and tokens are written out again, messages are encoded by pycdr2, and the session is bare. It
+follows the published sources:
 
-- 20 Hz odometry that counts from where the robot was switched on, or `reset_odometry` called;
-- commands cut to hundredths by a cast to whole numbers, clamped by the firmware, and obeyed until the next;
-- a bridge takes any bytes for the type it expects, and one payload that is empty or has no CDR header ends
-  its route for good; rmw_zenoh drops a sample without attachment, and its node dies of one it cannot read.
+- 20 Hz odometry, relative to the pose at which the robot was switched on or `reset_odometry` was called;
+- commands truncated to hundredths by a cast to integer, clamped by the firmware, and obeyed until the next;
+- a bridge accepts any bytes as the type it expects, but a payload that is empty or has no CDR header ends
+  its route permanently; rmw_zenoh drops a sample without attachment, and its node dies of an attachment
+  that it cannot read.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ from formation.simulation.body import PROFILES
 from tests.processes.agent import turtlebot3_messages as messages
 
 PERIOD = 0.05
-"""Of odometry [s]."""
+"""Period of odometry [s]."""
 CLAMPS = (0.2108, 2.635)
-"""[m/s], [rad/s]"""
+"""Limits of the firmware [m/s], [rad/s]."""
 BODY = PROFILES["turtlebot3_burger"]._replace(
-    speed_step=0.0, turn_rate_step=0.0, max_speed=math.inf, max_turn_rate=math.inf,  # done here, byte by byte
-    drift=0.0,  # which no controller can see, so that the true poses can be judged
+    speed_step=0.0, turn_rate_step=0.0, max_speed=math.inf, max_turn_rate=math.inf,  # applied in this file
+    drift=0.0,  # no controller can measure it; without it, true poses can be compared
 )  # fmt: skip
 HASHES = {
     "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
@@ -46,7 +47,7 @@ HASHES = {
 
 @dataclass(frozen=True)
 class Wire:
-    """How a robot's ROS 2 reaches Zenoh, and what its cmd_vel takes."""
+    """How a robot's ROS 2 reaches Zenoh, and the type of its cmd_vel."""
 
     ros: str = "ros2dds"
     cmd_vel: str = "twist"
@@ -71,7 +72,7 @@ class Wire:
         return f"{self.domain}/{self.name(topic)}/{dds(ros_type)}/RIHS01_{HASHES[ros_type]}"
 
     def tokens(self, zid: str) -> list[str]:
-        """What shows others that the robot publishes odometry and takes commands."""
+        """Liveliness tokens of the robot's odometry publisher and command subscriber."""
         has = [("MP", "odom", "nav_msgs/msg/Odometry"), ("MS", "cmd_vel", self.command_type)]
         if self.ros == "ros2dds":
             return [
@@ -88,7 +89,7 @@ class Wire:
 
 
 class Moment(NamedTuple):
-    """Where the robot truly was."""
+    """True pose of the robot at a time."""
 
     wall: float
     position: complex
@@ -96,7 +97,7 @@ class Moment(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """A command that reached the wheels, as it was told and as the firmware took it."""
+    """A command that reached the wheels, as it was sent and as the firmware applied it."""
 
     mono: float
     commanded: Command
@@ -111,7 +112,7 @@ class TurtleBot3:
     ) -> None:
         """At `position` [m; world frame] with unit `heading`; its router listens on `endpoint`.
 
-        `prefixed`: its bring-up was told the namespace, which then stands before both frames, too.
+        `prefixed`: its bring-up knows the namespace, which then also prefixes both frames.
         """
         self.wire = wire
         self.endpoint = endpoint
@@ -119,15 +120,15 @@ class TurtleBot3:
         """True poses, one for each odometry."""
         self.taken: list[Taken] = []
         self.troubles: Counter[str] = Counter()
-        """What no agent may ever send."""
+        """Counts of invalid messages, which no agent may send."""
         self.lost = 0
-        """Samples missing by their attachments' sequence numbers."""
+        """Number of missing samples, by the sequence numbers in attachments."""
         self._type = messages.Twist if wire.cmd_vel == "twist" else messages.TwistStamped
         prefix = f"{wire.namespace}/" if prefixed else ""
         self._frames = (f"{prefix}odom", f"{prefix}base_footprint")
         self._plant = Plant(BODY, position, heading, np.random.default_rng(1))
         self._origin = (position, heading)
-        self._alive = True  # a wedged route or a dead node is not
+        self._alive = True  # False when the route is lost or the node is dead
         self._sequences: dict[bytes, int] = {}
         self._lock = threading.Lock()
         self._over = threading.Event()
@@ -155,7 +156,7 @@ class TurtleBot3:
 
     @property
     def now(self) -> Moment:
-        """Where it truly is."""
+        """True pose now."""
         with self._lock:
             self._advance()
             return Moment(time.time(), self._plant.position, self._plant.heading)
@@ -168,22 +169,22 @@ class TurtleBot3:
             return self._plant.moving
 
     def reset_odometry(self) -> None:
-        """The service of that name: odometry counts from here."""
+        """Start odometry at zero from the current pose, as the ROS service of that name does."""
         with self._lock:
             self._advance()
             self._origin = (self._plant.position, self._plant.heading)
 
     def lose_route(self) -> None:
-        """What a bridge does to cmd_vel after a node of that name crashed and came back."""
+        """Drop the route of cmd_vel, as a bridge does after a node of that name crashed and restarted."""
         self._commands.undeclare()  # type: ignore[no-untyped-call]
 
     def listen(self) -> zenoh.Subscriber[None]:
-        """Take commands."""
+        """Subscribe to commands."""
         key = self.wire.key("cmd_vel", self.wire.command_type)
         return self.session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
 
     def graph(self) -> list[str]:
-        """Every token of rmw_zenoh that this robot's ROS 2 sees, its own included."""
+        """Return every token of rmw_zenoh that this robot's ROS 2 sees, including its own."""
         replies = self.session.liveliness().get(f"@ros2_lv/{self.wire.domain}/**", timeout=5.0)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
@@ -194,9 +195,9 @@ class TurtleBot3:
         while not self._over.wait(due - time.monotonic()):
             due += PERIOD
             sequence += 1
-            before = self._speak(sequence, before)
+            before = self._publish_odometry(sequence, before)
 
-    def _speak(self, sequence: int, before: Moment) -> Moment:
+    def _publish_odometry(self, sequence: int, before: Moment) -> Moment:
         """Publish one odometry, with the speed since the one `before`."""
         with self._lock:
             self._advance()
@@ -217,7 +218,7 @@ class TurtleBot3:
     def _take(self, sample: zenoh.Sample) -> None:
         with self._lock:
             self._advance()
-            commanded = self._told(sample) if self._alive else None
+            commanded = self._decoded(sample) if self._alive else None
             if commanded is None:
                 return
             obeyed = Command(*(
@@ -227,8 +228,8 @@ class TurtleBot3:
             self._plant.obey(obeyed)
             self.taken.append(Taken(self._time, commanded, obeyed))
 
-    def _told(self, sample: zenoh.Sample) -> Command | None:
-        """The command in `sample`, as the ROS 2 of this robot reads it; None if it never gets to the node."""
+    def _decoded(self, sample: zenoh.Sample) -> Command | None:
+        """Decode the command in `sample` as the robot's ROS 2 does; None if it does not reach the node."""
         payload = bytes(sample.payload)
         if self.wire.ros == "rmw_zenoh" and not self._attached(sample):
             return None
@@ -239,7 +240,7 @@ class TurtleBot3:
         try:
             message = self._type.deserialize(payload)
             if messages.encoded(message) != payload:
-                self.troubles["bytes of another type"] += 1  # and yet obeyed
+                self.troubles["bytes of another type"] += 1  # but obeyed
         except (struct.error, UnicodeDecodeError):
             self.troubles["too short for its type"] += 1
             return None
@@ -267,7 +268,7 @@ class TurtleBot3:
 
 
 def hundredths(value: float) -> int:
-    """``static_cast<int32_t>(value * 100)``: cut off, and what an ARM makes of what does not fit."""
+    """Return ``static_cast<int32_t>(value * 100)`` as ARM does: truncated, saturated if out of range."""
     return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value * 100)))
 
 

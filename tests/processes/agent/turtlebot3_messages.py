@@ -1,6 +1,6 @@
-"""The ROS 2 messages of a TurtleBot3, by a library that this project does not use: pycdr2."""
+"""ROS 2 messages of a TurtleBot3, encoded by pycdr2, a library that this project does not use."""
 
-# No postponed annotations here: pycdr2 reads the fields' types while a class is made.
+# No postponed annotations here: pycdr2 reads the fields' types when it creates a class.
 import math
 import threading
 from dataclasses import dataclass, field
@@ -110,12 +110,12 @@ class Odometry(IdlStruct):
 
 
 def twist(speed: float, turn_rate: float) -> Twist:
-    """A planar twist [m/s; rad/s]."""
+    """Return a planar twist [m/s; rad/s]."""
     return Twist(Vector3(x=speed), Vector3(z=turn_rate))
 
 
 def stamped(wall: float, frame: str) -> Header:
-    """A header of time `wall` [s since the epoch]."""
+    """Return a header of time `wall` [s since the epoch]."""
     seconds, rest = divmod(wall, 1.0)
     return Header(Time(int(seconds), int(rest * 1e9)), frame)
 
@@ -123,7 +123,7 @@ def stamped(wall: float, frame: str) -> Header:
 def odometry(
     wall: float, position: complex, heading: complex, moving: Twist, frames: tuple[str, str]
 ) -> bytes:
-    """nav_msgs/Odometry with covariances of zero, in CDR; `heading` e^{iθ}, `frames` of pose and of twist."""
+    """Return nav_msgs/Odometry with zero covariances in CDR; `heading` e^{iθ}, `frames` of pose and twist."""
     half = math.atan2(heading.imag, heading.real) / 2.0
     pose = Pose(
         Vector3(position.real, position.imag, 0.0), Quaternion(0.0, 0.0, math.sin(half), math.cos(half))
@@ -135,6 +135,6 @@ def odometry(
 
 
 def encoded(message: IdlStruct) -> bytes:
-    """Return the message in CDR; a type of pycdr2 has one buffer, which two threads would share."""
+    """Return the message in CDR. The lock: a type of pycdr2 has one buffer, which threads would share."""
     with _ONE_AT_A_TIME:
         return bytes(message.serialize())

@@ -1,6 +1,6 @@
-"""A robot, its watchdog, and a driver who is played here and knows himself whether he kept his word.
+"""A simulated robot, its watchdog, and a driver that is played by the test and measures its own lapses.
 
-Times are of the system clock: the robot's stamps, and when what is said about it arrived here. Processes have
+Times are of the system clock: the robot's stamps, and when messages arrived in this process. Processes have
 the priorities that they have on a robot; this one has not, so its driver may pause: a lapse.
 """
 
@@ -26,18 +26,18 @@ from tests.support.child import Child, free_endpoint, started, until
 
 SPEED = 0.3
 PERIOD = 0.05
-"""Of the agent and the robot [s]."""
+"""Period of the agent and the robot [s]."""
 NICE = {
     "formation.agent": -5,
     "formation.agent.watchdog": -15,
     "formation.agent.simulated": -20,
 }
-"""Priorities by module, as units set them."""
+"""Priorities by module, as systemd units set them."""
 LAPSE = 2.0 * PERIOD
-"""A driver who says nothing for longer is not healthy, nor is a robot that says nothing [s]."""
-COMMAND, LIFE, RECEIVED = (topic.key("robot2") for topic in (CMD_VEL, ALIVE, ODOM))
+"""Longest silence of a healthy driver or robot [s]."""
+COMMAND, LIFE, ODOM_KEY = (topic.key("robot2") for topic in (CMD_VEL, ALIVE, ODOM))
 PARKED = "parked: the robot may be driven by hand"
-"""What a watchdog logs when it has parked its robot."""
+"""A watchdog logs this when it has parked its robot."""
 
 
 class Wheel(NamedTuple):
@@ -49,7 +49,7 @@ class Wheel(NamedTuple):
 
 
 class Scene:
-    """A mission in one of ROS 2's spellings, its second robot, and who drives that."""
+    """A mission for one ROS 2 transport and command type, its robot2, and the driver of robot2."""
 
     def __init__(self, stack: ExitStack, folder: Path, ros: str, kind: str) -> None:
         text, _ = read("six_robots")
@@ -66,15 +66,15 @@ class Scene:
         self._topic = command_topic(self.mission.robots["robot2"].cmd_vel)
         self.bus.advertise(self._topic, COMMAND)
         self.bus.advertise(ALIVE, LIFE)
-        self.bus.subscribe(ODOM, RECEIVED)
+        self.bus.subscribe(ODOM, ODOM_KEY)
         self.bus.subscribe(ALIVE, LIFE)
         self._wheels: list[Wheel] = []
-        self._heard: list[tuple[float, float]] = []  # odometry: when it came, and how late that was [s]
-        self._published: list[tuple[float, float]] = []  # commands, whoever gave them: when [s], speed
-        self._signs: list[float] = []
-        self._lapsed = float("-inf")  # when the driver spoke again after he had said nothing for too long [s]
+        self._delays: list[tuple[float, float]] = []  # odometry: when it arrived, its delay [s]
+        self._published: list[tuple[float, float]] = []  # commands of every sender: when [s], speed
+        self._signs_of_life: list[float] = []
+        self._lapsed = float("-inf")  # when the driver's last lapse ended [s]
         self.drove = float("-inf")
-        """When the driver spoke last [s]."""
+        """When the driver sent last [s]."""
 
     def robot(self) -> Child:
         """Start the robot."""
@@ -88,7 +88,7 @@ class Scene:
         return child
 
     def listen(self) -> None:
-        """Hear all commands from now on; whoever gives them then sees a listener, whatever the robot does."""
+        """Receive all commands from now on; their senders then see a listener, even without the robot."""
         self.bus.subscribe(self._topic, COMMAND)
 
     def watchdog(self, *flags: str) -> Child:
@@ -101,9 +101,9 @@ class Scene:
         return child
 
     def drive(self, seconds: float, *, alive: bool) -> list[Wheel]:
-        """Command straight on, as the agent if `alive`, else as another process; return what the wheels did.
+        """Command straight motion, as the agent if `alive`, else as another process; return the odometry.
 
-        Ends after `seconds` without a lapse, in which no process was healthy.
+        Ends after `seconds` without a lapse: in a lapse, no process is healthy.
         """
         over, begun = threading.Event(), threading.Event()
         self._lapsed = self.drove = time.time()
@@ -126,88 +126,88 @@ class Scene:
             begun.wait()
             until(lambda: self.drove > self._lapsed + LAPSE + seconds)
             since, end = self._lapsed + LAPSE, self.drove
-            until(lambda: self.wheels()[-1].moment > end)
+            until(lambda: self.odometry()[-1].moment > end)
         finally:
             over.set()
             driver.join()
-        return [one for one in self.wheels(since) if one.moment <= end]
+        return [one for one in self.odometry(since) if one.moment <= end]
 
     def command(self) -> float:
-        """Have the robot drive; when that was said [s]."""
+        """Command the robot to drive; return when [s]."""
         now = time.time()
         command = TwistStamped(now, SPEED, 0.0) if self._stamped else Twist(SPEED, 0.0)
         self.bus.publish(COMMAND, encode(command))
         return now
 
-    def leave(self) -> float:
-        """Take an agent's leave; when that was said [s]."""
+    def send_farewell(self) -> float:
+        """Send an agent's farewell; return when [s]."""
         now = time.time()
         self.bus.publish(LIFE, encode(Number(FAREWELL)))
         return now
 
-    def stands(self, since: float) -> Wheel:
-        """Wait until, after `since` [s], the robot stands; the first odometry that says so."""
-        until(lambda: any(one.speed == 0.0 for one in self.wheels(since)))
-        return next(one for one in self.wheels(since) if one.speed == 0.0)
+    def wait_for_standstill(self, since: float) -> Wheel:
+        """Wait until the robot stands after `since` [s]; return the first odometry that shows it."""
+        until(lambda: any(one.speed == 0.0 for one in self.odometry(since)))
+        return next(one for one in self.odometry(since) if one.speed == 0.0)
 
-    def newest(self) -> Wheel:
-        """The next odometry that the robot makes."""
+    def next_odometry(self) -> Wheel:
+        """Wait for the next odometry of the robot."""
         now = time.time()
-        until(lambda: bool(self.wheels(now)))
-        return self.wheels(now)[0]
+        until(lambda: bool(self.odometry(now)))
+        return self.odometry(now)[0]
 
-    def obeyed(self, sent: float) -> float:
-        """How long the wheels obey the command given at `sent` [s], by stamps, until they stand again [s].
+    def time_obeyed(self, sent: float) -> float:
+        """Return how long the wheels obey the command sent at `sent` [s], until they stand again [s].
 
-        It has come when they turn, or when zero was said twice since: in between they may stand again.
+        It has arrived when they turn, or when zero was sent twice since: in between they may stand again.
         """
-        until(lambda: any(one.speed for one in self.wheels(sent)) or len(self.zeros(sent)) > 1)
-        turning = [one.moment for one in self.wheels(sent) if one.speed]
+        until(lambda: any(one.speed for one in self.odometry(sent)) or len(self.times_of_zero(sent)) > 1)
+        turning = [one.moment for one in self.odometry(sent) if one.speed]
         start = turning[0] if turning else time.time()
-        return self.ran(start, self.stands(start).moment)
+        return self.time_without_stalls(start, self.wait_for_standstill(start).moment)
 
-    def wheels(self, since: float = 0.0) -> list[Wheel]:
-        """What the wheels did since [s]."""
-        self._look()
+    def odometry(self, since: float = 0.0) -> list[Wheel]:
+        """Return the odometry since this time [s]."""
+        self._drain()
         return [one for one in self._wheels if one.moment > since]
 
-    def zeros(self, since: float = 0.0) -> list[float]:
-        """When somebody told the robot to stand since [s]: nobody here does."""
-        self._look()
+    def times_of_zero(self, since: float = 0.0) -> list[float]:
+        """Return when zero was commanded since this time [s]; the driver never commands zero."""
+        self._drain()
         return [moment for moment, speed in self._published if moment > since and speed == 0.0]
 
-    def last_word(self) -> float:
-        """The speed that the robot was told last."""
-        self._look()
+    def last_speed(self) -> float:
+        """Return the newest commanded speed."""
+        self._drain()
         return self._published[-1][1]
 
-    def signs(self, since: float) -> list[float]:
-        """When an agent gave signs of life since [s]."""
-        self._look()
-        return [moment for moment in self._signs if moment > since]
+    def signs_of_life(self, since: float) -> list[float]:
+        """Return when agents sent signs of life since this time [s]."""
+        self._drain()
+        return [moment for moment in self._signs_of_life if moment > since]
 
-    def ran(self, start: float, end: float) -> float:
-        """How long it is between two times [s], without those in which this machine stood still.
+    def time_without_stalls(self, start: float, end: float) -> float:
+        """Return the time between `start` and `end` [s] without stalls of this machine.
 
-        The robot's process goes before all others: if it says nothing for long, nobody had a chance to.
+        The robot's process has the highest priority: if it is silent for long, no other could run either.
         """
-        stamps = [start, *(one.moment for one in self.wheels(start) if one.moment < end), end]
+        stamps = [start, *(one.moment for one in self.odometry(start) if one.moment < end), end]
         return sum(min(after - before, LAPSE) for before, after in pairwise(stamps))
 
-    def late(self, start: float, end: float) -> float:
-        """How late, at most, what was said then was heard here: as late as odometry about that time [s]."""
-        until(lambda: self.wheels()[-1].moment > end)
-        return max(late for came, late in self._heard if came > start - LAPSE and came - late < end + LAPSE)
+    def max_delay(self, start: float, end: float) -> float:
+        """Return the largest delay of odometry, as a bound for all messages, about that time [s]."""
+        until(lambda: self.odometry()[-1].moment > end)
+        return max(late for at, late in self._delays if at > start - LAPSE and at - late < end + LAPSE)
 
-    def _look(self) -> None:
+    def _drain(self) -> None:
         behind = time.time() - time.monotonic()
         for one in self._mailbox.drain():
-            if one.key == RECEIVED:
+            if one.key == ODOM_KEY:
                 odometry = decode(Odometry, one.payload)
                 self._wheels.append(Wheel(odometry.stamp, odometry.speed))
-                self._heard.append((one.arrived + behind, one.arrived + behind - odometry.stamp))
+                self._delays.append((one.arrived + behind, one.arrived + behind - odometry.stamp))
             elif one.key == LIFE:
-                self._signs.append(one.arrived + behind)
+                self._signs_of_life.append(one.arrived + behind)
             else:
                 raw = one.payload
                 twist = decode(TwistStamped, raw) if self._stamped else decode(Twist, raw)
@@ -215,5 +215,5 @@ class Scene:
 
 
 def gaps(moments: Sequence[float]) -> int:
-    """How often what should come each period came later than two after the one before."""
+    """Return how many times are more than two periods after the one before."""
     return sum(after - before > LAPSE for before, after in pairwise(moments))

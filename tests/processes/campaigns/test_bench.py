@@ -12,7 +12,7 @@ def bench(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_a_peer_that_is_not_there_is_one_clear_error() -> None:
+def test_robotarium_flag_without_peers_prints_one_error() -> None:
     done = bench("tests.campaigns.bench", "batch", "--quick", "--robotarium", "nowhere")
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith(
@@ -21,7 +21,7 @@ def test_a_peer_that_is_not_there_is_one_clear_error() -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_the_profiled_agent_takes_what_an_agent_takes(tmp_path: Path) -> None:
+def test_profiled_agent_help_lists_robot_flag(tmp_path: Path) -> None:
     done = bench("tests.campaigns.bench.profiled_agent", str(tmp_path / "profile.json"), "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert "--robot" in done.stdout

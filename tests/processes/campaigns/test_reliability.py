@@ -1,4 +1,4 @@
-"""The campaign's harness on real processes: a fair part of its rows, each once."""
+"""The reliability campaign on real processes: some of its rows, one try each."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ ROWS = {row.name: row for row in rows(load(faults.MISSION))}
 
 
 @pytest.fixture(autouse=True)
-def moments(request: pytest.FixtureRequest) -> Iterator[None]:
-    """What is random in a campaign is here the same each time, so that what fails can be had again."""
+def seeded_random(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Seed `random` by the name of the test, so that a failure can be reproduced."""
     before = random.getstate()
     random.seed(request.node.name)
     yield
@@ -30,7 +30,7 @@ def moments(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
-    """One that goes through everything: as in the campaign, it has to be well again after each fault."""
+    """Start one fleet for all faults: as in the campaign, it must recover after each."""
     with faults.maker(tmp_path_factory.mktemp("fleet")) as fleet:
         fleet.begin()
         yield fleet
@@ -48,17 +48,17 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
         "clock-10",
     ],
 )
-def test_a_fleet_comes_through_a_fault_as_the_failure_table_says(fleet: Fleet, name: str) -> None:
+def test_fleet_recovers_and_settles_after_fault(fleet: Fleet, name: str) -> None:
     one = attempt(fleet, ROWS[name])
     assert one.wrong == []
     assert one.settles is not None
 
 
-def test_a_fleet_that_was_parted_comes_together_again(fleet: Fleet) -> None:
+def test_fleet_recovers_after_network_partition(fleet: Fleet) -> None:
     assert attempt(fleet, ROWS["partition"]).wrong == []
 
 
-def test_shapes_change_while_it_drives(fleet: Fleet) -> None:
+def test_robots_keep_apart_during_shape_transitions(fleet: Fleet) -> None:
     one = attempt(fleet, shapes.ROW)
     assert one.wrong == []
     assert one.figures["nearest"] > 2.0 * load(shapes.MISSION).robot.radius
@@ -69,14 +69,14 @@ def test_fleet_converges_with_lost_and_late_packets() -> None:
     assert found["cells"]["both"]["wrong"] == []
 
 
-def test_a_stop_reaches_all_that_can_be_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_reaches_all_reachable_robots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stop, "ROBOTS", 4)
     found = stop.run(Options(tries=1))
     assert {name: row["wrong"] for name, row in found["rows"].items()} == {name: {} for name in stop.CASES}
 
 
-def test_a_row_that_fails_is_counted_as_such_and_named(tmp_path: Path) -> None:
-    """A fleet whose follower nobody starts again does not come back, and the try says so."""
+def test_attempt_reports_follower_that_does_not_come_back(tmp_path: Path) -> None:
+    """A killed follower that is not started again makes the attempt fail."""
     with faults.maker(tmp_path) as fleet:
         fleet.begin()
         dead = ROWS["kill-mid"]._replace(end=lambda _fleet, _victim: None)

@@ -45,7 +45,7 @@ def monitor(**found: Any) -> str:
     return f"until_told({SNAPSHOT!r}); say('summary', **{ {**FOUND, **found}!r}); sys.exit(0)"
 
 
-class Ran(NamedTuple):
+class RunResult(NamedTuple):
     code: int
     out: str
     err: str
@@ -58,7 +58,7 @@ class Ran(NamedTuple):
 
 
 class Runner:
-    """Runs `formation run`, of the pair if nothing else is asked for, with the given scripts."""
+    """Runs `formation run` with the given scripts; its mission is `turtlebot3_pair` by default."""
 
     def __init__(
         self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -67,19 +67,19 @@ class Runner:
         monkeypatch.setattr("formation.deploy.local.launch.COASTING_TIME", 0.01)
         monkeypatch.setattr("tempfile.tempdir", str(folder))
         self.requested: dict[str, Any] = {}
-        """What the process table was asked for."""
+        """Keyword arguments that `programs` has received."""
         begun = folder / "begun"
         self.once_begun = f"[time.sleep(0.01) for _ in iter(lambda: os.path.exists({str(begun)!r}), True)]"
-        """Code of a script that goes on when everybody is ready and the run has begun."""
-        self._left = Progress.__dict__["left"]  # the property itself
+        """Code for a script: wait until all processes are ready and the run has begun."""
+        self._left = Progress.__dict__["left"]  # the property object
         show = PlainLines.show
 
-        def noted(view: PlainLines, progress: Progress) -> None:
+        def show_and_mark(view: PlainLines, progress: Progress) -> None:
             if progress.phase == "running":
                 begun.touch()
             show(view, progress)
 
-        monkeypatch.setattr(PlainLines, "show", noted)
+        monkeypatch.setattr(PlainLines, "show", show_and_mark)
 
     def __call__(
         self,
@@ -89,8 +89,8 @@ class Runner:
         record: str = "a.mcap",
         mission: str = "turtlebot3_pair",
         until_dead: Collection[str] = (),
-    ) -> Ran:
-        """It lasts for `duration` [s], and until it knows that the processes `until_dead` have ended."""
+    ) -> RunResult:
+        """Run for `duration` [s], and until the processes `until_dead` are known to have ended."""
 
         def left(progress: Progress) -> float:
             time: float = self._left.__get__(progress)
@@ -105,10 +105,10 @@ class Runner:
         (self._folder / "begun").unlink(missing_ok=True)
         path = self._folder / "recordings" / record
         line = ["run", mission, "--duration", str(duration), "--record", str(path), *flags]
-        return Ran(cli.main(line), *self._capsys.readouterr())
+        return RunResult(cli.main(line), *self._capsys.readouterr())
 
 
-def good(found: str = monitor()) -> tuple[Program, ...]:
+def good_programs(found: str = monitor()) -> tuple[Program, ...]:
     return (
         program(found, "monitor", "watch"),
         program(ROBOTS, "robots", "body"),

@@ -1,4 +1,4 @@
-"""Small scripts in place of the processes of a run: some behave well, some badly."""
+"""Small scripts in place of the processes of a run: some end on SIGTERM, some ignore it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def program(code: str, name: str = "child", part: Part = "control") -> Program:
 
 
 def is_gone(pid: int, within: float = 0.0) -> bool:
-    """Whether the process has ended, or ends `within` so many seconds."""
+    """Whether the process has ended, or ends within `within` [s]."""
     deadline = time.monotonic() + within
     while True:
         try:

@@ -1,4 +1,4 @@
-"""The command line as a process: closed pipes, terminals, progress."""
+"""The command line as a process: closed pipes, terminals, progress and JSON output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from formation.deploy import cli
 from tests.field.deployed import TEXT
 
 
-def test_a_reader_that_goes_away_causes_no_traceback() -> None:
+def test_closed_stdout_causes_no_traceback() -> None:
     with subprocess.Popen(
         [sys.executable, "-m", "formation.deploy", "missions"],
         stdout=subprocess.PIPE,
@@ -28,7 +28,7 @@ def test_a_reader_that_goes_away_causes_no_traceback() -> None:
         assert process.stderr.read() == ""
 
 
-def test_a_terminal_without_unicode_causes_no_traceback() -> None:
+def test_help_escapes_unicode_for_ascii_output() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "formation.deploy", "simulate", "--help"],
         env={**os.environ, "PYTHONIOENCODING": "ascii", "COLUMNS": "200"},
@@ -40,7 +40,7 @@ def test_a_terminal_without_unicode_causes_no_traceback() -> None:
     assert "within \\xb1 this of the slots" in done.stdout
 
 
-def test_progress_is_shown_only_on_a_terminal() -> None:
+def test_progress_is_shown_only_on_terminal() -> None:
     code = """
 import sys
 from formation.deploy import simulate
@@ -80,7 +80,7 @@ sys.exit(simulate.main(["turtlebot3_pair", "--runs", "3", "--horizon", "8"]))
         "deploy bundle field.toml --certificates secrets --out bundles --no-wheels",
     ],
 )
-def test_json_is_alone_on_stdout(
+def test_json_flag_prints_only_json_on_stdout(
     line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -43,7 +43,8 @@ def worker(address: str, folder: Path) -> Any:
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """The scheduler's address, and two workers."""
     folder = tmp_path_factory.mktemp("dask")
-    port = free_endpoint().rpartition(":")[2]  # that no connection is given before the scheduler listens
+    # not a port that a connection may get before the scheduler listens
+    port = free_endpoint().rpartition(":")[2]
     address = f"tcp://127.0.0.1:{port}"
     with ExitStack() as stack:
         flags = ("--host", "127.0.0.1", "--port", port, "--no-dashboard")
@@ -66,8 +67,8 @@ def _wait_for_workers(address: str, count: int) -> None:
             assert time.monotonic() < deadline
 
 
-def result(*words: str) -> dict[str, Any]:
-    """What the command prints for programs, without the time that it took."""
+def json_output(*words: str) -> dict[str, Any]:
+    """JSON output of the command without its timing."""
     done = subprocess.run(
         [sys.executable, "-m", "formation.deploy", *words, "--json"],
         capture_output=True, text=True, check=False,
@@ -79,18 +80,18 @@ def result(*words: str) -> dict[str, Any]:
     }
 
 
-def test_rehearsals_are_the_same_as_on_one_core(cluster: tuple[str, Any]) -> None:
+def test_rehearsals_with_dask_equal_those_without(cluster: tuple[str, Any]) -> None:
     words = ("rehearse", "turtlebot3_pair", "--seeds", "6")
-    assert result(*words, "--dask", cluster[0]) == result(*words)
+    assert json_output(*words, "--dask", cluster[0]) == json_output(*words)
 
 
-def test_simulations_are_the_same_as_on_one_core(cluster: tuple[str, Any]) -> None:
+def test_simulations_with_dask_equal_those_without(cluster: tuple[str, Any]) -> None:
     words = ("simulate", "turtlebot3_pair", "--runs", "501", "--horizon", "2", "--noise", "0.001")
-    assert result(*words, "--dask", cluster[0]) == result(*words)
+    assert json_output(*words, "--dask", cluster[0]) == json_output(*words)
 
 
-def test_lost_worker_loses_nothing(cluster: tuple[str, list[subprocess.Popen[bytes]]]) -> None:
-    def power(number: int) -> int:  # inside, so that it is sent as it is
+def test_lost_worker_loses_no_result(cluster: tuple[str, list[subprocess.Popen[bytes]]]) -> None:
+    def power(number: int) -> int:  # a local function, so that Dask sends its code
         import time
 
         time.sleep(0.1)
@@ -103,7 +104,7 @@ def test_lost_worker_loses_nothing(cluster: tuple[str, list[subprocess.Popen[byt
     assert [1, *results] == [2**number for number in range(30)]
 
 
-def test_missing_scheduler_is_named() -> None:
+def test_missing_scheduler_is_refused_with_its_address() -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"

@@ -1,4 +1,4 @@
-"""The doctor among real processes: agents and watchdogs, and TurtleBot3s that are played byte for byte."""
+"""`formation doctor` with real agents and watchdogs, and with emulated TurtleBot3s."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ NAMES, FOLLOWERS = ("leader", "robot1", "robot2"), ("robot1", "robot2")
 
 
 class Report(NamedTuple):
-    """What the doctor said."""
+    """Result of one `formation doctor`."""
 
     code: int
     findings: dict[str, list[str]]
-    """Names of all that is wrong, by robot."""
+    """Names of the findings, by robot."""
     text: str
 
     @property
-    def sentence(self) -> str:
-        """All of it on one line."""
+    def one_line(self) -> str:
+        """The text on one line."""
         return " ".join(self.text.split())
 
 
@@ -43,9 +43,9 @@ class Team:
     """A mission whose processes are started one by one."""
 
     def __init__(self, folder: Path, wire: Wire, takes: str, stack: ExitStack) -> None:
-        """Robots speak as `wire`, but what they `take` on cmd_vel is their own affair."""
+        """Start emulated robots that publish as `wire` and take messages of type `takes` on cmd_vel."""
         text, _ = read("turtlebot3_pair")
-        text = text.replace('avoid = "all"', "avoid = []")  # each has to do with the leader only
+        text = text.replace('avoid = "all"', "avoid = []")  # each robot needs the leader only
         self.agents = {name: free_endpoint() for name in NAMES}
         self.routers = {name: free_endpoint() for name in FOLLOWERS}
         for name in NAMES:
@@ -99,16 +99,16 @@ def team(folder: Path, wire: Wire | None = None, takes: str = "twist_stamped") -
 
 
 def await_status(team: Team, robot: str, word: str) -> None:
-    """Until the robot's agent says `word` in its status."""
+    """Wait until the status of the robot's agent contains `word`."""
     deadline = time.monotonic() + PATIENCE
     with Bus(BusConfig(connect=(team.agents[robot],))) as bus:
         bus.subscribe(f"{robot}/status")
         while not any(word.encode() in sample.payload for sample in bus.drain()):
-            assert bus.wait(deadline - time.monotonic()), f"{robot} never says {word}"
+            assert bus.wait(deadline - time.monotonic()), f"{robot} has no status with {word}"
 
 
-def driving(team: Team) -> None:
-    """Leader, both agents, both watchdogs; until both drive."""
+def start_all(team: Team) -> None:
+    """Start the leader, both agents and both watchdogs; wait until both robots run."""
     team.start("formation.leader")
     for name in FOLLOWERS:
         team.start("formation.agent.watchdog", "--robot", name)
@@ -118,9 +118,9 @@ def driving(team: Team) -> None:
 
 
 @pytest.mark.parametrize("ros", ["ros2dds", "rmw_zenoh"])
-def test_healthy_team_is_healthy_on_robot_and_desk(tmp_path: Path, ros: str) -> None:
+def test_doctor_reports_healthy_team_on_robot_and_desk(tmp_path: Path, ros: str) -> None:
     with team(tmp_path, Wire(ros)) as fleet:
-        driving(fleet)
+        start_all(fleet)
         there = fleet.doctor("--robot", "robot1")
         assert (there.code, there.findings) == (0, {"robot1": []}), there.text
         assert there.text.endswith("healthy: nothing is wrong")
@@ -128,24 +128,24 @@ def test_healthy_team_is_healthy_on_robot_and_desk(tmp_path: Path, ros: str) -> 
         assert (desk.code, desk.findings) == (0, {name: [] for name in NAMES}), desk.text
 
 
-def test_the_doctor_moves_nothing_and_a_killed_agent_is_named(tmp_path: Path) -> None:
+def test_doctor_sends_no_command_and_reports_killed_agent(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         fleet.start("formation.leader")
         agent = fleet.start("formation.agent", "--robot", "robot1")
         await_status(fleet, "robot1", "run")
         agent.process.kill()
         agent.wait()
-        time.sleep(0.2)  # what was on its way has come
+        time.sleep(0.2)  # until commands on their way have arrived
         before = len(fleet.robots["robot1"].taken)
         there = fleet.doctor("--robot", "robot1")
         assert len(fleet.robots["robot1"].taken) == before
         assert (there.code, there.findings) == (1, {"robot1": ["agent-silent", "watchdog-down"]}), there.text
         desk = fleet.doctor()
         assert desk.findings["robot1"] == ["unreachable"], desk.text
-        assert f"its agent at {fleet.agents['robot1']} refuses the connection" in desk.sentence
+        assert f"its agent at {fleet.agents['robot1']} refuses the connection" in desk.one_line
 
 
-def test_desk_examines_standby_and_names_current_leader(tmp_path: Path) -> None:
+def test_doctor_on_desk_checks_standby_and_names_leader(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         with fleet.path.open("a", encoding="utf-8") as file:
             file.write(f'\n[standbys.deputy]\nendpoint = "{free_endpoint()}"\n')
@@ -161,12 +161,12 @@ def test_desk_examines_standby_and_names_current_leader(tmp_path: Path) -> None:
         result = fleet.doctor()
         assert result.findings["deputy"] == result.findings["desk"] == [], result.text
         assert result.findings["leader"] == ["unreachable"], result.text
-        assert "deputy said that it leads" in result.sentence
+        assert "deputy said that it leads" in result.one_line
 
 
-def test_two_agents_for_one_robot_are_named(tmp_path: Path) -> None:
+def test_doctor_reports_second_agent_of_robot(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
-        driving(fleet)
+        start_all(fleet)
         fleet.start(
             "formation.agent", "--robot", "robot1", "-l", free_endpoint(), "-e", fleet.agents["leader"]
         )
@@ -176,20 +176,20 @@ def test_two_agents_for_one_robot_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ros", ["ros2dds", "rmw_zenoh"])
-def test_wrong_cmd_vel_type_is_named_with_remedy(tmp_path: Path, ros: str) -> None:
+def test_doctor_reports_wrong_cmd_vel_type_with_remedy(tmp_path: Path, ros: str) -> None:
     with team(tmp_path, Wire(ros), takes="twist") as fleet:
         fleet.start("formation.leader")
         fleet.start("formation.agent.watchdog", "--robot", "robot1")
         there = fleet.doctor("--robot", "robot1")
         assert there.code == 1
         assert there.findings["robot1"] == ["agent-silent", "cmd-vel-type"], there.text
-        assert "takes Twist on cmd_vel, but is sent TwistStamped" in there.sentence
-        assert 'say cmd_vel = "twist" for robot1 in the mission' in there.sentence
+        assert "takes Twist on cmd_vel, but is sent TwistStamped" in there.one_line
+        assert 'say cmd_vel = "twist" for robot1 in the mission' in there.one_line
 
 
-def test_lost_route_is_named_on_robot_and_desk(tmp_path: Path) -> None:
+def test_doctor_reports_lost_route_on_robot_and_desk(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
-        driving(fleet)
+        start_all(fleet)
         fleet.robots["robot1"].lose_route()
         await_status(fleet, "robot1", "no listener on cmd_vel")
         there = fleet.doctor("--robot", "robot1")
@@ -198,14 +198,14 @@ def test_lost_route_is_named_on_robot_and_desk(tmp_path: Path) -> None:
         assert (desk.findings["robot1"], desk.findings["robot2"]) == (["route-lost"], []), desk.text
 
 
-def test_missing_router_is_the_only_finding(tmp_path: Path) -> None:
+def test_doctor_reports_missing_router_as_only_finding(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         fleet.start("formation.leader")
         there = fleet.doctor("--robot", "robot1", "--robot-connect", free_endpoint())
         assert (there.code, there.findings) == (1, {"robot1": ["router-missing"]}), there.text
 
 
-def test_team_with_certificates_stays_healthy_when_examined(
+def test_doctor_accepts_certificates_and_reports_wrong_certificate_name(
     tmp_path: Path,
 ) -> None:
     with team(tmp_path) as fleet:
@@ -231,14 +231,14 @@ def test_team_with_certificates_stays_healthy_when_examined(
             assert (there.code, there.findings) == (0, {"robot1": []}), there.text
             desk = fleet.doctor(*operator)
             assert (desk.code, desk.findings) == (0, {name: [] for name in ("desk", *NAMES)}), desk.text
-        assert "robot1 is valid for 30 days" in there.sentence
+        assert "robot1 is valid for 30 days" in there.one_line
         strange = fleet.doctor("--robot", "robot1", "-c", str(files["robot2"]))
         assert strange.findings == {"robot1": ["certificate-name"]}
 
 
-def test_an_agent_that_was_started_with_another_mission_is_named(tmp_path: Path) -> None:
+def test_doctor_reports_changed_mission_but_not_changed_comment(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
-        driving(fleet)
+        start_all(fleet)
         text = fleet.path.read_text(encoding="utf-8")
         fleet.path.write_text(
             text.replace("k_p = 2.0", "k_p = 1.5") + "\n# after they were started\n", "utf-8"

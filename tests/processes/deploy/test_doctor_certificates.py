@@ -1,4 +1,4 @@
-"""Certificates as the doctor reads them, and what comes of dialling: real files and real handshakes."""
+"""The doctor reads certificates and dials agents: real files and real TLS handshakes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def root() -> Pair:
 
 
 def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0, ago: float = 0.0) -> Papers:
-    """Papers of a process that were issued `ago` days ago for `days`."""
+    """Certificate and key of a process, issued `ago` days ago for `days`."""
     pair = authority.issue(root, name, HERE, days, NOW - timedelta(days=ago))
     home = folder / name
     home.mkdir()
@@ -41,7 +41,7 @@ def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0
     return Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
 
 
-def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pair) -> None:
+def test_read_returns_name_validity_and_key_mode(tmp_path: Path, root: Pair) -> None:
     read = tls.read("robot1", papers(tmp_path, root))
     assert read is not None
     assert (read.name, read.wanted, read.problem, read.mode) == ("robot1", "robot1", "", 0o600)
@@ -50,14 +50,14 @@ def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pa
 
 
 @pytest.mark.parametrize("ago", [60.0, -10.0])
-def test_one_that_is_not_valid_now_is_read_all_the_same(tmp_path: Path, root: Pair, ago: float) -> None:
+def test_read_accepts_expired_or_future_certificate(tmp_path: Path, root: Pair, ago: float) -> None:
     read = tls.read("robot1", papers(tmp_path, root, ago=ago))
     assert read is not None
     assert (read.name, read.problem) == ("robot1", "")
     assert (read.begins <= NOW.timestamp() < read.ends) is False
 
 
-def test_one_for_dialling_only_is_as_good(tmp_path: Path, root: Pair) -> None:
+def test_read_accepts_client_only_certificate(tmp_path: Path, root: Pair) -> None:
     mine = papers(tmp_path, root, "operator")
     pair = authority.issue(root, "operator", None, 30.0, NOW)
     mine.certificate.write_bytes(pair.certificate_pem)
@@ -67,7 +67,7 @@ def test_one_for_dialling_only_is_as_good(tmp_path: Path, root: Pair) -> None:
     assert (read.name, read.problem) == ("operator", "")
 
 
-def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -> None:
+def test_read_names_problem_of_unusable_certificate(tmp_path: Path, root: Pair) -> None:
     mine = papers(tmp_path, root)
     other = papers(tmp_path, root, "robot2")
     (tmp_path / "rogue").mkdir()
@@ -87,7 +87,7 @@ def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -
     assert problem(other._replace(key=mine.key)).endswith("is damaged")
 
 
-def test_orders_under_another_certificate_are_explained(
+def test_order_names_certificate_other_than_operators(
     tmp_path: Path, root: Pair, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name, reported in (("monitor", True), ("operator", False)):
@@ -103,7 +103,7 @@ def test_orders_under_another_certificate_are_explained(
         assert ("has the certificate of 'monitor'" in capsys.readouterr().out) is reported
 
 
-def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, root: Pair) -> None:
+def test_papers_are_found_in_configuration_and_in_folder(tmp_path: Path, root: Pair) -> None:
     mine = papers(tmp_path, root)
     config = tmp_path / "zenoh.json5"
     config.write_text(
@@ -122,14 +122,14 @@ def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, r
 
 
 @pytest.fixture
-def turned_away_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However late the other side turns us away, it is received: what is tested is what it says."""
+def long_refusal_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait long for a refusal: the tests check its content, not its delay."""
     monkeypatch.setattr("formation.deploy.doctor.tls.LATE_REFUSAL_TIME", PATIENCE)
 
 
 @contextmanager
 def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
-    """A server that greets one who dials: with TLS, with bytes, or not at all; its address and port."""
+    """Server that answers one connection with TLS, with bytes or not at all; yields its address and port."""
     with socket.create_server((HERE, 0)) as server:
 
         def greet() -> None:
@@ -141,7 +141,7 @@ def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
                     try:
                         with answer.wrap_socket(link, server_side=True) as secure:
                             secure.settimeout(20.0)
-                            secure.recv(1)  # until the other side has gone
+                            secure.recv(1)  # until the peer has closed
                     except OSError:
                         return
                 else:
@@ -155,15 +155,15 @@ def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
         greeting.join(20.0)
 
 
-def test_mutually_trusted_agent_is_reached_by_name(tmp_path: Path, root: Pair) -> None:
+def test_reach_returns_name_of_trusted_peer(tmp_path: Path, root: Pair) -> None:
     mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
     with served(context(theirs, server=True)) as where:
         reached = reach(f"tls/{where}", mine)
     assert (reached.outcome, reached.name) == ("ok", "robot2")
 
 
-@pytest.mark.usefixtures("turned_away_late")
-def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) -> None:
+@pytest.mark.usefixtures("long_refusal_wait")
+def test_reach_distinguishes_causes_of_failure(tmp_path: Path, root: Pair) -> None:
     (tmp_path / "rogue").mkdir()
     mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
     rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
@@ -178,8 +178,8 @@ def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) ->
     assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
 
 
-@pytest.mark.usefixtures("turned_away_late")
-def test_expired_certificates_are_rejected_on_both_sides(tmp_path: Path, root: Pair) -> None:
+@pytest.mark.usefixtures("long_refusal_wait")
+def test_reach_reports_expired_certificate_of_either_side(tmp_path: Path, root: Pair) -> None:
     (tmp_path / "old").mkdir()
     good, late = papers(tmp_path, root), papers(tmp_path / "old", root, ago=40.0)
     with served(context(good, server=True)) as where:
@@ -190,19 +190,17 @@ def test_expired_certificates_are_rejected_on_both_sides(tmp_path: Path, root: P
     assert (reached.outcome, reached.detail) == ("untrusted", "certificate has expired")
 
 
-def test_silent_peer_does_not_delay_the_doctor(
-    tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_reach_times_out_on_silent_peer(tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.deploy.doctor.tls.CONNECT_TIMEOUT_SECONDS", 0.2)
     with served(None) as where:
         assert reach(f"tls/{where}", papers(tmp_path, root)).outcome == "no answer"
 
 
-def test_a_key_that_this_user_may_not_read_is_not_judged(
+def test_read_returns_none_for_unreadable_key(
     tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def forbidden(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("formation.deploy.doctor.tls.context", forbidden)  # for root may read everything
+    monkeypatch.setattr("formation.deploy.doctor.tls.context", forbidden)  # as root can read every file
     assert tls.read("robot1", papers(tmp_path, root)) is None

@@ -1,4 +1,4 @@
-"""The script that makes the environment: all of it that needs no network, and what the lock files hold."""
+"""The script that makes the environment, as far as it needs no network, and the lock files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PYPROJECT: dict[str, Any] = tomllib.loads((env.ROOT / "pyproject.toml").read_tex
 
 
 class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
+    """A stream that reports to be a terminal."""
 
     def isatty(self) -> bool:
         return True
@@ -32,7 +32,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty checkout of its own for the script to keep environments in."""
+    """An empty folder in which the script keeps environments."""
     monkeypatch.setattr(env, "STORE", tmp_path / ".venvs")
     monkeypatch.setattr(env, "LINK", tmp_path / ".venv")
     (tmp_path / ".venvs").mkdir()
@@ -40,7 +40,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def finished(store: Path, name: str, age: float = 0.0) -> Path:
-    """An environment as a good installation leaves it, that many seconds ago."""
+    """An environment whose installation was completed `age` [s] ago."""
     environment = store / name
     (environment / "bin").mkdir(parents=True)
     (environment / "bin" / "python").symlink_to(sys.executable)
@@ -53,7 +53,7 @@ def finished(store: Path, name: str, age: float = 0.0) -> Path:
 def checkout(
     root: Path, lock: str = "numpy==2.4.6\n", name: str = "formation", line_length: int = 110
 ) -> Path:
-    """The two files that an environment is made from."""
+    """A checkout with the two files from which an environment is made."""
     (root / "deploy" / "lock").mkdir(parents=True, exist_ok=True)
     (root / "deploy" / "lock" / "dev.txt").write_text(lock, encoding="utf-8")
     (root / "pyproject.toml").write_text(
@@ -68,10 +68,10 @@ def key(root: Path) -> str:
     return env.key_of(root, (3, 11), "aarch64")
 
 
-# ---- what it needs ----
+# ---- requirements of the script ----
 
 
-def test_the_script_imports_the_standard_library_only() -> None:
+def test_script_imports_only_standard_library() -> None:
     tree = ast.parse(Path(env.__file__).read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
@@ -79,7 +79,7 @@ def test_the_script_imports_the_standard_library_only() -> None:
     assert {name.split(".")[0] for name in names} <= sys.stdlib_module_names
 
 
-def test_old_python_reaches_its_error_message() -> None:
+def test_script_parses_on_old_python_and_refuses_it() -> None:
     source = Path(env.__file__).read_text(encoding="utf-8")
     tree = ast.parse(source, feature_version=(3, 7))
     at_the_top = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
@@ -96,18 +96,18 @@ def test_non_posix_system_is_refused_with_advice() -> None:
 
 
 @pytest.mark.parametrize("version", [(3, 11), (3, 13), (4, 0)])
-def test_newer_pythons_are_welcome(version: tuple[int, int]) -> None:
+def test_newer_pythons_are_accepted(version: tuple[int, int]) -> None:
     env.refuse_unfit_system(version, "posix")
 
 
-# ---- when an environment is made anew ----
+# ---- keys, link and removal of environments ----
 
 
-def test_the_same_checkout_has_the_same_key(tmp_path: Path) -> None:
+def test_same_checkout_has_same_key(tmp_path: Path) -> None:
     assert key(checkout(tmp_path)) == key(checkout(tmp_path))
 
 
-def test_another_lock_another_project_or_another_place_is_another_environment(tmp_path: Path) -> None:
+def test_key_depends_on_lock_project_and_path(tmp_path: Path) -> None:
     keys = {
         key(checkout(tmp_path / "a")),
         key(checkout(tmp_path / "a", lock="numpy==2.5.5\n")),
@@ -117,31 +117,31 @@ def test_another_lock_another_project_or_another_place_is_another_environment(tm
     assert len(keys) == 4
 
 
-def test_another_python_or_another_machine_is_another_environment(tmp_path: Path) -> None:
+def test_key_depends_on_python_and_machine(tmp_path: Path) -> None:
     root = checkout(tmp_path)
     pairs = [((3, 11), "aarch64"), ((3, 12), "aarch64"), ((3, 11), "x86_64")]
     assert len({env.key_of(root, version, machine) for version, machine in pairs}) == 3
 
 
-def test_a_tools_setting_changes_no_environment(tmp_path: Path) -> None:
+def test_key_ignores_tool_settings(tmp_path: Path) -> None:
     assert key(checkout(tmp_path, line_length=110)) == key(checkout(tmp_path, line_length=100))
 
 
-def test_a_finished_environment_is_in_use_once_the_link_names_it(store: Path) -> None:
+def test_finished_environment_is_in_use_after_link(store: Path) -> None:
     environment = finished(store, "new")
     assert not env.in_use(environment)
     env.point(env.LINK, environment)
     assert env.in_use(environment)
 
 
-def test_an_interrupted_installation_is_not_used(store: Path) -> None:
+def test_interrupted_installation_is_not_in_use(store: Path) -> None:
     environment = finished(store, "half")
     env.point(env.LINK, environment)
     (environment / env.DONE).unlink()
     assert not env.in_use(environment)
 
 
-def test_environment_without_its_python_is_not_used(store: Path) -> None:
+def test_environment_without_python_is_not_in_use(store: Path) -> None:
     environment = finished(store, "orphan")
     env.point(env.LINK, environment)
     (environment / "bin" / "python").unlink()
@@ -149,7 +149,7 @@ def test_environment_without_its_python_is_not_used(store: Path) -> None:
     assert not env.in_use(environment)
 
 
-def test_the_link_moves_from_the_old_environment_to_the_new(store: Path) -> None:
+def test_point_moves_link_to_new_environment(store: Path) -> None:
     old, new = finished(store, "old"), finished(store, "new")
     env.point(env.LINK, old)
     env.point(env.LINK, new)
@@ -157,7 +157,7 @@ def test_the_link_moves_from_the_old_environment_to_the_new(store: Path) -> None
     assert sorted(path.name for path in store.parent.iterdir()) == [".venv", ".venvs"]
 
 
-def test_foreign_environment_is_left_unchanged(store: Path) -> None:
+def test_point_refuses_to_replace_foreign_folder(store: Path) -> None:
     env.LINK.mkdir()
     with pytest.raises(env.SetupError, match="is in the way: move or remove it"):
         env.point(env.LINK, finished(store, "new"))
@@ -165,13 +165,13 @@ def test_foreign_environment_is_left_unchanged(store: Path) -> None:
     assert not env.LINK.is_symlink()
 
 
-def test_the_last_environments_are_kept_and_older_ones_removed(store: Path) -> None:
+def test_forget_old_keeps_newest_environments(store: Path) -> None:
     made = [finished(store, f"made{age}", age=age) for age in (0, 100, 200, 300)]
     env.forget_old(made[0])
     assert [path.exists() for path in made] == [True, True, True, False]
 
 
-def test_the_environment_in_use_is_kept_however_old_it_is(store: Path) -> None:
+def test_forget_old_keeps_current_environment(store: Path) -> None:
     made = [finished(store, f"made{age}", age=age) for age in (0, 100, 200, 300)]
     env.forget_old(made[3])
     assert [path.exists() for path in made] == [True, True, False, True]
@@ -184,17 +184,17 @@ def test_only_one_process_installs_at_a_time(store: Path) -> None:
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-# ---- how pip is found and run ----
+# ---- pip and commands ----
 
 
 @pytest.mark.parametrize(
     ("text", "number"), [("23.0.1 from /usr (python 3.11)", (23, 0, 1)), ("22.3rc1", (22, 3)), ("", ())]
 )
-def test_the_release_of_a_pip_is_read_from_what_it_says(text: str, number: tuple[int, ...]) -> None:
+def test_release_parses_pip_version_output(text: str, number: tuple[int, ...]) -> None:
     assert env.release(text) == number
 
 
-def test_without_ensurepip_a_pip_from_elsewhere_installs(
+def test_new_environment_uses_external_pip_without_ensurepip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(env, "has_module", lambda _, name: name != "ensurepip")
@@ -205,7 +205,7 @@ def test_without_ensurepip_a_pip_from_elsewhere_installs(
 
 
 @pytest.mark.parametrize(("modules", "pip"), [({"venv"}, None), (set(), ["pip3"])])
-def test_without_the_means_one_sentence_names_what_to_install(
+def test_missing_venv_or_pip_names_package_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, modules: set[str], pip: list[str] | None
 ) -> None:
     monkeypatch.setattr(env, "has_module", lambda _, name: name in modules)
@@ -214,13 +214,13 @@ def test_without_the_means_one_sentence_names_what_to_install(
         env.new_environment(tmp_path / "made")
 
 
-def test_a_failing_pip_is_quoted() -> None:
+def test_error_contains_output_of_failed_pip() -> None:
     command = [sys.executable, "-c", "print('no matching distribution'); raise SystemExit(1)"]
     with pytest.raises(env.SetupError, match="no matching distribution"):
         env.run_pip(command, env.Progress(1, io.StringIO()))
 
 
-def test_pip_may_be_configured_but_installs_nowhere_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_pip_keeps_configuration_but_disables_user_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PIP_USER", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", "/media/usb")
     show = "import os, sys; sys.exit(' '.join([os.environ['PIP_USER'], os.environ['PIP_FIND_LINKS']]))"
@@ -228,25 +228,25 @@ def test_pip_may_be_configured_but_installs_nowhere_else(monkeypatch: pytest.Mon
         env.run_pip([sys.executable, "-c", show], env.Progress(1, io.StringIO()))
 
 
-def test_a_sourced_ros_does_not_leak_into_the_environment() -> None:
+def test_clean_removes_python_variables_of_ros() -> None:
     variables = {"PYTHONPATH": "/opt/ros/jazzy/lib", "PYTHONHOME": "/usr", "ROS_DISTRO": "jazzy"}
     assert env.clean(variables) == {"ROS_DISTRO": "jazzy"}
 
 
-def test_a_command_that_is_not_there_gets_one_sentence(store: Path) -> None:
+def test_missing_command_is_refused_by_name(store: Path) -> None:
     with pytest.raises(env.SetupError, match="there is no command 'formatoin'"):
         env.become(finished(store, "new"), ["formatoin", "run"])
 
 
-def test_a_path_is_not_a_command(store: Path) -> None:
+def test_path_is_refused_as_command(store: Path) -> None:
     with pytest.raises(env.SetupError, match="there is no command"):
         env.become(finished(store, "new"), ["../bin/python"])
 
 
-# ---- what it shows ----
+# ---- progress ----
 
 
-def test_a_terminal_sees_the_packages_counted() -> None:
+def test_progress_counts_packages_on_terminal() -> None:
     stream = Terminal()
     progress = env.Progress(2, stream)
     progress.process_line("Collecting numpy==2.4.6 (from -r dev.txt (line 3))")
@@ -255,7 +255,7 @@ def test_a_terminal_sees_the_packages_counted() -> None:
     assert "2/2 rich==15.0.0" in stream.getvalue()
 
 
-def test_a_log_gets_a_first_and_a_last_line_only() -> None:
+def test_progress_in_log_has_only_first_and_last_line() -> None:
     stream = io.StringIO()
     progress = env.Progress(1, stream)
     progress.start("installing")
@@ -264,7 +264,7 @@ def test_a_log_gets_a_first_and_a_last_line_only() -> None:
     assert re.fullmatch(r"installing\ninstalled in \d+ s\n", stream.getvalue())
 
 
-# ---- the lock ----
+# ---- lock files ----
 
 
 def locked(text: str) -> dict[str, set[str]]:
@@ -275,8 +275,8 @@ def locked(text: str) -> dict[str, set[str]]:
     return found
 
 
-def wanted() -> list[Requirement]:
-    """Everything that pyproject.toml asks for; the project itself, includes of groups and peers left out."""
+def project_requirements() -> list[Requirement]:
+    """Requirements in pyproject.toml, without the project itself, included groups and benchmark peers."""
     project = PYPROJECT["project"]
     lists = [
         PYPROJECT["build-system"]["requires"],
@@ -288,24 +288,24 @@ def wanted() -> list[Requirement]:
     return [requirement for requirement in requirements if requirement.name != project["name"]]
 
 
-@pytest.mark.parametrize("requirement", wanted(), ids=str)
-def test_the_lock_satisfies_what_the_project_asks_for(requirement: Requirement) -> None:
+@pytest.mark.parametrize("requirement", project_requirements(), ids=str)
+def test_lock_satisfies_project_requirement(requirement: Requirement) -> None:
     versions = locked(DEV)[canonicalize_name(requirement.name)]
     assert all(requirement.specifier.contains(version) for version in versions)
 
 
-def test_robot_lock_has_agent_needs_without_desk_packages() -> None:
+def test_agent_lock_has_dependencies_but_no_desk_packages() -> None:
     base = {Requirement(item).name for item in PYPROJECT["project"]["dependencies"]}
     assert base <= locked(ROBOT).keys()
     assert locked(ROBOT).keys().isdisjoint({"mcap", "rich", "matplotlib", "pytest", "mypy", "ruff"})
 
 
 @pytest.mark.parametrize("text", [DEV, ROBOT], ids=["dev", "agent"])
-def test_peers_to_measure_beside_are_in_no_lock(text: str) -> None:
+def test_locks_exclude_benchmark_peers(text: str) -> None:
     assert locked(text).keys().isdisjoint({"ir-sim", "cvxopt"})
 
 
-def test_the_robots_lock_pins_the_same_versions_as_the_developers() -> None:
+def test_agent_lock_pins_same_versions_as_dev_lock() -> None:
     assert locked(ROBOT).items() <= locked(DEV).items()
 
 
@@ -318,12 +318,12 @@ def test_every_pin_has_a_hash(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", [DEV, ROBOT], ids=["dev", "agent"])
-def test_the_lock_names_no_host(text: str) -> None:
+def test_lock_names_no_host(text: str) -> None:
     assert "://" not in text
     assert "--index" not in text
 
 
-def test_the_count_of_packages_is_that_of_the_lock() -> None:
+def test_pins_returns_package_names_of_lock() -> None:
     assert env.pins(
         "numpy==2.4.6 ; x\n    --hash=sha256:00\nnumpy==2.5.5\nrich==15.0.0\n    # via a==b\n"
     ) == {

@@ -1,4 +1,4 @@
-"""Modules of other projects, beside the user or on PYTHONPATH, do not replace the fleet's own."""
+"""Modules of other projects, in the working folder or on PYTHONPATH, do not replace the program's own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_fleet_runs_beside_foreign_modules(workspace: Path) -> None:
+def test_fleet_runs_beside_foreign_modules(workspace: Path) -> None:
     with started("turtlebot3_pair", "--duration", "4", "--no-page", folder=workspace) as process:
         result = result_of(process)
     assert result["robots"] == 3

@@ -1,4 +1,4 @@
-"""The launcher and its children, which here are small scripts that behave well or badly."""
+"""The launcher, with small scripts as its children."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def launcher(tmp_path: Path) -> Iterator[Launcher]:
 
 
 def wait_until(launcher: Launcher, what: Callable[[], bool], seconds: float = 20.0) -> list[Event]:
-    """Events until `what` holds; a failure if it never does."""
+    """Return the events until `what` holds; fail after `seconds`."""
     received = []
     deadline = time.monotonic() + seconds
     while not what():
-        assert time.monotonic() < deadline, f"this never came: {what}"
+        assert time.monotonic() < deadline, f"timeout: {what}"
         event = launcher.next(0.05)
         if event is not None:
             received.append(event)
@@ -83,9 +83,7 @@ def test_child_ignoring_stop_is_killed_after_grace(
     assert 0.3 <= time.monotonic() - begin < 3.0
 
 
-def test_what_a_killed_child_started_is_killed_with_it(
-    launcher: Launcher, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_grandchild_is_killed_with_killed_child(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.deploy.local.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.1))
     code = "import subprocess; p = subprocess.Popen(['sleep', '600']); say('started', pid=p.pid);" + DEAF
     child = launcher.start(program(code))
@@ -123,7 +121,7 @@ def test_processes_end_in_order_agents_watchdogs_robots_monitor(
     assert ends["agent"] + COASTING_TIME <= ends["watchdog"] <= ends["robots"] <= ends["monitor"]
 
 
-def test_an_exception_inside_the_context_leaves_no_child(tmp_path: Path) -> None:
+def test_exception_inside_launcher_context_leaves_no_child(tmp_path: Path) -> None:
     children: list[Child] = []
 
     def fail() -> None:
@@ -139,7 +137,7 @@ def test_an_exception_inside_the_context_leaves_no_child(tmp_path: Path) -> None
 
 @pytest.mark.usefixtures("in_a_terminal", "launcher")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_first_signal_counts_and_ends_waiting(launcher: Launcher, number: int) -> None:
+def test_signal_ends_waiting_and_keeps_child_running(launcher: Launcher, number: int) -> None:
     child = launcher.start(program(GOOD))
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), number)
@@ -150,7 +148,9 @@ def test_first_signal_counts_and_ends_waiting(launcher: Launcher, number: int) -
     assert child.exit is None
 
 
-def test_a_second_signal_kills_what_does_not_end(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_signal_kills_child_that_ignores_stop(
+    launcher: Launcher, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("formation.deploy.local.launch.SIGNAL_REPEAT_TIME", 0.0)
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
@@ -162,7 +162,7 @@ def test_a_second_signal_kills_what_does_not_end(launcher: Launcher, monkeypatch
     assert time.monotonic() - begin < 2.0
 
 
-def test_the_same_signal_passed_on_by_a_wrapper_is_one_signal(launcher: Launcher) -> None:
+def test_signal_repeated_at_once_counts_once(launcher: Launcher) -> None:
     child = launcher.start(program("until_told(); time.sleep(0.3); sys.exit(0)"))
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), signal.SIGINT)
@@ -171,25 +171,25 @@ def test_the_same_signal_passed_on_by_a_wrapper_is_one_signal(launcher: Launcher
     assert child.exit == 0
 
 
-def test_signals_mean_again_what_they_meant_before(tmp_path: Path) -> None:
+def test_launcher_restores_signal_handlers(tmp_path: Path) -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     with Launcher(tmp_path):
         pass
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
 
-def test_children_are_not_in_the_terminals_foreground_group(launcher: Launcher) -> None:
+def test_child_runs_in_own_session(launcher: Launcher) -> None:
     child = launcher.start(program(GOOD))
     assert os.getsid(child.pid) == child.pid != os.getsid(0)
 
 
-def test_missing_program_is_an_error_without_children(launcher: Launcher) -> None:
+def test_missing_program_raises_error_and_adds_no_child(launcher: Launcher) -> None:
     with pytest.raises(FileNotFoundError):
         launcher.start(Program("nobody", "control", ("/no/such/program",)))
     assert launcher.children == []
 
 
-def test_watching_children_end_when_launcher_is_killed(tmp_path: Path) -> None:
+def test_child_that_watches_parent_ends_with_killed_launcher(tmp_path: Path) -> None:
     code = f"""
 import os, sys, time
 from pathlib import Path

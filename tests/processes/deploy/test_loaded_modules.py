@@ -1,4 +1,4 @@
-"""Each program starts fast and small because of the modules that it does not load."""
+"""Modules that a program does not load, so that it starts fast and small."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import pytest
 
 ON_A_ROBOT = "formation.ros2.naming, formation.transport.robot_bus"
-"""What a robot's processes load besides themselves when they open the robot's bus."""
+"""Modules that a robot's processes load to open the robot's bus."""
 ABSENT = [
     (f"formation.agent.__main__, {ON_A_ROBOT}", "numpy rosbags numba asyncio mcap matplotlib"),
     (f"formation.agent.watchdog.__main__, {ON_A_ROBOT}", "numpy rosbags numba asyncio mcap matplotlib"),
@@ -16,7 +16,7 @@ ABSENT = [
     ("formation.deploy.order", "rosbags rich mcap ssl"),
     ("formation.transport.runtime.process, formation.transport.runtime.flags", "rich mcap matplotlib pytest"),
 ]
-"""What is imported, and which modules must not come with it."""
+"""Imported modules, and the modules that they must not load."""
 
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
@@ -25,7 +25,7 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.smoke
 @pytest.mark.parametrize(("imported", "absent"), ABSENT, ids=[imported for imported, _ in ABSENT])
-def test_a_program_loads_nothing_heavy(imported: str, absent: str) -> None:
+def test_program_does_not_load_heavy_modules(imported: str, absent: str) -> None:
     done = python(f"import sys, {imported}; print(*(set({absent.split()}) & set(sys.modules)))")
     assert (done.stdout.split(), done.stderr) == ([], "")
 
@@ -33,7 +33,7 @@ def test_a_program_loads_nothing_heavy(imported: str, absent: str) -> None:
 @pytest.mark.parametrize(
     "arguments", [["check", "--json"], ["simulate", "--json"], ["doctor", "--help"]], ids="_".join
 )
-def test_a_robot_needs_no_extra_for(arguments: list[str]) -> None:
+def test_command_runs_without_extras(arguments: list[str]) -> None:
     command, *flags = arguments
     code = f"""
 import sys

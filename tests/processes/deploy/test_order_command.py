@@ -1,4 +1,4 @@
-"""`formation order` as it is typed: what is refused before anybody is asked, and what programs are told."""
+"""`formation order` on the command line: refusals before any request is sent, and the JSON output."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import pytest
 from formation.deploy.cli import main
 from formation.mission.file import load
 
-NOBODY = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
+UNREACHABLE = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
 TURN = "[[route]]\nspeed = 0.1\nheading_deg = 90\nduration = 5\n[[route]]\nradius = 1.0\nspeed = 0.1\n"
 
 
-def ordered(capsys: pytest.CaptureFixture[str], mission: str, *words: str) -> dict[str, Any]:
-    """What a program is told of an order that nobody heard."""
-    assert main(["order", mission, *words, *NOBODY]) == 1
+def unanswered(capsys: pytest.CaptureFixture[str], mission: str, *words: str) -> dict[str, Any]:
+    """JSON output for an order that reaches no process."""
+    assert main(["order", mission, *words, *UNREACHABLE]) == 1
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
     return result
 
 
-def test_command_names_all_missing_robots(capsys: pytest.CaptureFixture[str]) -> None:
-    result = ordered(capsys, "turtlebot3_pair", "stop")
+def test_unanswered_stop_lists_all_robots_as_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    result = unanswered(capsys, "turtlebot3_pair", "stop")
     assert result.pop("id")
     assert result.pop("at") > 0.0
     assert result == {
@@ -46,29 +46,27 @@ def test_command_names_all_missing_robots(capsys: pytest.CaptureFixture[str]) ->
         ("route six_robots", {"legs": [{"speed": 0.2, "heading_deg": 30.0}]}),
     ],
 )
-def test_team_orders_go_to_the_leader_only(
+def test_team_orders_go_only_to_leader(
     words: str, what: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = ordered(capsys, "six_robots", *words.split())
+    result = unanswered(capsys, "six_robots", *words.split())
     assert result["missing"] == ["robot1"]
     assert {**result, "do": words.split(maxsplit=1)[0], **what} == result
 
 
 @pytest.mark.parametrize("do", ["stop", "hold", "run", "release"])
-def test_what_changes_motion_is_asked_of_every_robot(do: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ordered(capsys, "six_robots", do)["missing"] == list(load("six_robots").names)
+def test_mode_orders_go_to_every_robot(do: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert unanswered(capsys, "six_robots", do)["missing"] == list(load("six_robots").names)
 
 
-def test_flags_may_stand_before_between_and_after_the_words(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["order", *NOBODY[:2], "six_robots", "--json", "rotate", *NOBODY[3:], "-30"]) == 1
+def test_flags_are_accepted_at_any_position(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["order", *UNREACHABLE[:2], "six_robots", "--json", "rotate", *UNREACHABLE[3:], "-30"]) == 1
     assert json.loads(capsys.readouterr().out)["degrees"] == -30.0
 
 
-def test_a_route_is_read_from_a_file_that_holds_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_route_is_read_from_file_without_mission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "turn.toml").write_text(TURN)
-    legs = ordered(capsys, "six_robots", "route", str(tmp_path / "turn.toml"))["legs"]
+    legs = unanswered(capsys, "six_robots", "route", str(tmp_path / "turn.toml"))["legs"]
     assert legs[0] == {"speed": 0.1, "heading_deg": 90.0, "duration": 5.0}
     assert (legs[1]["radius"], legs[1]["turn"]) == (1.0, "left")
 
@@ -86,7 +84,7 @@ def test_a_route_is_read_from_a_file_that_holds_nothing_else(
         ("[[route]]\nspeed = 0.1\nheading_deg = 0.33\nduration = 12.34\n" * 400, "too long, at most 16384"),
     ],
 )
-def test_a_route_that_is_none_is_refused_as_in_a_mission(
+def test_bad_route_file_is_refused_in_one_line(
     text: str, output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "route.toml"
@@ -123,7 +121,7 @@ def test_a_route_that_is_none_is_refused_as_in_a_mission(
         ("route nothing.toml", "nothing.toml: no such file"),
     ],
 )
-def test_what_cannot_be_asked_is_refused_in_one_line(
+def test_bad_order_is_refused_in_one_line(
     words: str, output: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["order", "six_robots", *words.split()]) == 2

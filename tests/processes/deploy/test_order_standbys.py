@@ -1,4 +1,4 @@
-"""Orders to a team with standbys: who leads answers for all who may, also while another takes the place."""
+"""Orders to a team with a standby, before and after its leader is killed."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ def team(tmp_path: Path) -> Iterator[Team]:
         yield team
 
 
-def test_standby_takes_orders_after_leader_death(team: Team) -> None:
-    given = team.order("run")  # by then somebody leads
+def test_standby_answers_orders_after_leader_is_killed(team: Team) -> None:
+    given = team.order("run")  # answered once a process leads
     assert (given.code, given.report["leader"]) == (0, LEADER), given.words
     given = team.order("stop")
     assert (given.code, given.report["leader"]) == (0, LEADER), given.words
     assert {one["robot"] for one in given.report["acknowledged"]} == {LEADER, *ROBOTS}
-    assert given.report["standby"] in ([], ["spare"])  # it has a tenth of a second
+    assert given.report["standby"] in ([], ["spare"])  # the standby has 0.1 s to answer
 
     team.children[LEADER].signal(signal.SIGKILL)
-    given = team.order("stop")  # asked again until one leads, which is a moment later
+    given = team.order("stop")  # repeated until the standby leads
     assert (given.code, given.report["leader"], given.report["missing"]) == (0, "spare", []), given.words
     assert {one["robot"] for one in given.report["acknowledged"]} == {"spare", *ROBOTS}
     assert "leader      no answer; spare leads" in given.words
 
     refused = team.order("run")
-    assert {one["robot"] for one in refused.report["refused"]} == {"spare", *ROBOTS}  # all are stopped
+    assert {one["robot"] for one in refused.report["refused"]} == {"spare", *ROBOTS}  # all robots are stopped
     for words in ("release", "hold", "rotate 30", "run"):
         given = team.order(*words.split())
         assert (given.code, given.report["leader"]) == (0, "spare"), given.words

@@ -1,4 +1,4 @@
-"""Ports for a run: the agents' as in the mission if they are free, held until their process listens."""
+"""Ports of a run: those of the mission if they are free, reserved until their process listens."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def mission(monkeypatch: pytest.MonkeyPatch) -> Mission:
     monkeypatch.setattr(wiring, "ROBOT_PORT", 17560)
     pair = load("turtlebot3_pair")
     ends = {name: f"tcp/127.0.0.1:{17460 + number}" for number, name in enumerate(pair.names)}
-    return at(pair, "endpoint", ends)
+    return with_endpoints(pair, "endpoint", ends)
 
 
-def at(mission: Mission, key: str, ends: Mapping[str, str]) -> Mission:
-    """`mission` with other endpoints, by robot."""
+def with_endpoints(mission: Mission, key: str, ends: Mapping[str, str]) -> Mission:
+    """Return `mission` with other endpoints, by robot."""
     moved = {name: mission.robots[name].model_copy(update={key: end}) for name, end in ends.items()}
     return mission.model_copy(update={"robots": {**mission.robots, **moved}})
 
 
-def is_ours(endpoint: str) -> bool:
-    """Whether it is plain TCP of this machine."""
+def is_local(endpoint: str) -> bool:
+    """Whether the endpoint is plain TCP on this machine."""
     return endpoint.startswith("tcp/127.0.0.1:")
 
 
@@ -40,7 +40,7 @@ def port(endpoint: str) -> int:
 
 
 def listen(number: int) -> socket.socket:
-    """Listen as zenoh does."""
+    """Listen with the socket options of Zenoh."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind(("127.0.0.1", number))
@@ -48,7 +48,7 @@ def listen(number: int) -> socket.socket:
     return listener
 
 
-def test_the_missions_own_ports_are_taken_when_they_are_free(mission: Mission) -> None:
+def test_free_ports_of_mission_are_used(mission: Mission) -> None:
     with Ports(mission) as ports:
         assert ports.as_in_mission
         assert ports.endpoints == wiring.endpoints(mission)
@@ -59,12 +59,12 @@ def test_intended_process_can_listen_on_reserved_port(mission: Mission) -> None:
         pass
 
 
-def test_other_process_is_refused_a_reserved_port(mission: Mission) -> None:
+def test_other_process_cannot_bind_reserved_port(mission: Mission) -> None:
     with Ports(mission) as ports, socket.socket() as stranger, pytest.raises(OSError, match="in use"):
         stranger.bind(("127.0.0.1", port(ports.endpoints.robots["robot1"])))
 
 
-def test_if_one_agents_port_is_taken_all_agents_have_others(mission: Mission) -> None:
+def test_taken_agent_port_moves_all_agent_ports(mission: Mission) -> None:
     wanted = wiring.endpoints(mission)
     with listen(port(wanted.agents["robot2"])), Ports(mission) as ports:
         assert not ports.as_in_mission
@@ -81,10 +81,10 @@ def test_taken_robot_port_does_not_move_agent_ports(mission: Mission) -> None:
         assert ports.as_in_mission
         assert ports.endpoints.agents == wanted.agents
         assert not set(ports.endpoints.robots.values()) & set(wanted.robots.values())
-        assert all(map(is_ours, ports.endpoints.robots.values()))
+        assert all(map(is_local, ports.endpoints.robots.values()))
 
 
-def test_two_runs_at_the_same_moment_do_not_share_a_port(mission: Mission) -> None:
+def test_simultaneous_runs_share_no_agent_port(mission: Mission) -> None:
     with Ports(mission) as first, Ports(mission) as second:
         assert first.as_in_mission
         assert not second.as_in_mission
@@ -92,14 +92,14 @@ def test_two_runs_at_the_same_moment_do_not_share_a_port(mission: Mission) -> No
         assert len(ends) == 6
 
 
-def test_ports_of_a_run_that_has_ended_are_free_again(mission: Mission) -> None:
+def test_ports_are_free_after_run_ends(mission: Mission) -> None:
     with Ports(mission), Ports(mission):
         pass
     with Ports(mission) as ports:
         assert ports.as_in_mission
 
 
-def test_lingering_connections_do_not_make_port_taken(mission: Mission) -> None:
+def test_connection_in_time_wait_leaves_port_free(mission: Mission) -> None:
     number = port(wiring.endpoints(mission).agents["robot1"])
     with listen(number) as listener, socket.create_connection(("127.0.0.1", number)) as dialler:
         accepted, _ = listener.accept()
@@ -110,28 +110,24 @@ def test_lingering_connections_do_not_make_port_taken(mission: Mission) -> None:
 
 
 @pytest.mark.parametrize("end", ["tcp/192.168.1.11:7447", "tls/robot1.local:7447", "tls/127.0.0.1:17460"])
-def test_agents_that_the_mission_puts_elsewhere_or_under_certificates_run_here(
-    mission: Mission, end: str
-) -> None:
-    with Ports(at(mission, "endpoint", {"robot1": end})) as ports:
+def test_remote_or_tls_endpoint_is_replaced_by_local_one(mission: Mission, end: str) -> None:
+    with Ports(with_endpoints(mission, "endpoint", {"robot1": end})) as ports:
         assert not ports.as_in_mission
-        assert all(map(is_ours, ports.endpoints.agents.values()))
+        assert all(map(is_local, ports.endpoints.agents.values()))
 
 
 @pytest.mark.parametrize("robots", [("robot1",), ("robot1", "robot2")])
-def test_no_simulated_robot_takes_the_place_of_a_ros_2_router(
-    mission: Mission, robots: tuple[str, ...]
-) -> None:
+def test_simulated_robots_do_not_use_router_endpoint(mission: Mission, robots: tuple[str, ...]) -> None:
     router = "tcp/127.0.0.1:17447"
-    with Ports(at(mission, "robot_endpoint", dict.fromkeys(robots, router))) as ports:
+    with Ports(with_endpoints(mission, "robot_endpoint", dict.fromkeys(robots, router))) as ports:
         assert ports.as_in_mission
         ends = ports.endpoints.robots.values()
         assert router not in ends
         assert len(set(ends)) == 2
-        assert all(map(is_ours, ends))
+        assert all(map(is_local, ends))
 
 
-def test_a_launcher_that_is_killed_holds_nothing() -> None:
+def test_killed_launcher_releases_its_ports() -> None:
     code = """
 import time
 from formation.deploy.local.ports import Ports

@@ -1,4 +1,4 @@
-"""The fleet of real processes for users' tests."""
+"""The fixture `process_fleet`: a fleet of real processes for users' tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.processes
 PAIR = "turtlebot3_pair"
 
 
-def test_pair_settles_obeys_and_survives_restart(process_fleet: MakeProcesses) -> None:
+def test_pair_settles_obeys_orders_and_survives_agent_restart(process_fleet: MakeProcesses) -> None:
     fleet = process_fleet(PAIR)
     fleet.run_until_settled()
     assert fleet.order("rotate", degrees=30.0).obeyed
@@ -33,7 +33,7 @@ def test_pair_settles_obeys_and_survives_restart(process_fleet: MakeProcesses) -
     assert fleet.recording.stat().st_size > 0
 
 
-def test_cut_and_frozen_robots_are_missed_and_return(process_fleet: MakeProcesses) -> None:
+def test_robot_recovers_after_cut_and_freeze(process_fleet: MakeProcesses) -> None:
     fleet = process_fleet(PAIR)
     fleet.run_until_settled()
     fleet.cut(["robot2"], ["leader", "robot1"])
@@ -46,7 +46,7 @@ def test_cut_and_frozen_robots_are_missed_and_return(process_fleet: MakeProcesse
     fleet.run_until_settled()
 
 
-def test_driver_plays_a_robot(process_fleet: MakeProcesses, tmp_path: Path) -> None:
+def test_fleet_starts_given_driver_for_robot(process_fleet: MakeProcesses, tmp_path: Path) -> None:
     driver = [
         sys.executable,
         "-m",
@@ -63,7 +63,7 @@ def test_driver_plays_a_robot(process_fleet: MakeProcesses, tmp_path: Path) -> N
 
 
 @pytest.mark.smoke
-def test_keys_drive_a_fleet_until_the_driver_is_killed(process_fleet: MakeProcesses) -> None:
+def test_keyboard_drives_fleet_until_driver_is_killed(process_fleet: MakeProcesses) -> None:
     fleet = process_fleet(PAIR)
     fleet.run_until_settled()
     terminal, keyboard = pty.openpty()
@@ -80,14 +80,14 @@ def test_keys_drive_a_fleet_until_the_driver_is_killed(process_fleet: MakeProces
     os.close(keyboard)
 
 
-def test_process_that_ends_fails_the_run(process_fleet: MakeProcesses) -> None:
+def test_process_that_ends_fails_run(process_fleet: MakeProcesses) -> None:
     fleet = process_fleet(PAIR)
     fleet._child("robot2")._process.kill()
     with pytest.raises(AssertionError, match=r"agent robot2 ended, exit code -9"):
         fleet.run(10.0)
 
 
-def test_unknown_robots_are_refused(process_fleet: MakeProcesses) -> None:
+def test_driver_of_unknown_robot_is_refused(process_fleet: MakeProcesses) -> None:
     with pytest.raises(ValueError, match="drivers: robot9: must be one of robot1, robot2"):
         process_fleet(PAIR, drivers={"robot9": ["true"]})
 

@@ -1,4 +1,4 @@
-"""What `formation replay` refuses, in one line and before anything is opened."""
+"""`formation replay` on the command line: refusals in one line, and short replays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ QUIET = ("--no-page", "--no-zenoh")
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two seconds of six robots."""
+    """Recording of two seconds of six robots."""
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
     with recorder(path) as recording:
         for sample in Fleet().positions(10.0, 12.0):
@@ -38,7 +38,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["--cfg", "nonsense"], "--cfg 'nonsense': must be PATH:VALUE"),
     ],
 )
-def test_what_cannot_be_played_is_refused_with_what_can(
+def test_bad_flag_is_refused_in_one_line(
     flags: list[str], result: str, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["replay", str(path), "--no-page", *flags]) == 2
@@ -49,7 +49,7 @@ def test_what_cannot_be_played_is_refused_with_what_can(
 
 
 @pytest.mark.parametrize("flags", [["--speed", "0"], ["--speed", "101"], ["--start", "-1"], ["--page", "x"]])
-def test_a_number_that_cannot_be_is_refused(
+def test_refusal_of_bad_value_names_flag(
     flags: list[str], path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["replay", str(path), *flags]) == 2
@@ -57,7 +57,7 @@ def test_a_number_that_cannot_be_is_refused(
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\x89MCAP0\r\n", b"no recording at all"])
-def test_a_file_that_is_no_recording_is_refused(
+def test_missing_or_damaged_recording_is_refused(
     content: bytes | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "what.mcap"
@@ -69,17 +69,17 @@ def test_a_file_that_is_no_recording_is_refused(
     assert err.count("\n") == 1
 
 
-def test_a_stretch_is_played_to_its_end(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_plays_from_start_to_until(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(path), *QUIET, "--start", "0.5", "--until", "1.5", "--speed", "20"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("0:01.5 of 0:01.5  20x")
 
 
-def test_page_is_served_without_a_flag(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_serves_page_by_default(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(path), "--no-zenoh", "--speed", "20"]) == 0
     assert "page: http://127.0.0.1:" in capsys.readouterr().out
 
 
-def test_page_at_an_address_that_is_taken_is_refused(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_taken_page_address_is_refused(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         where = f"127.0.0.1:{taken.getsockname()[1]}"
         assert main(["replay", str(path), "--no-zenoh", "--page", where]) == 2

@@ -1,4 +1,4 @@
-"""`formation run` for real: every process, real Zenoh, a real recording, and nothing left behind."""
+"""`formation run` with all its real processes, real Zenoh and a real recording."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def payloads_of(recording: Path) -> dict[str, list[bytes]]:
 
 
 def at_rest(poses: Sequence[Pose]) -> bool:
-    """Whether a robot stands still from the first of these to the last."""
+    """Whether a robot stands still from the first to the last of its poses."""
     return all(
         abs(after.position - before.position) < AT_REST * (after.stamp - before.stamp)
         and abs(cmath.phase(after.heading / before.heading)) < AT_REST * (after.stamp - before.stamp)
@@ -79,7 +79,7 @@ def at_rest(poses: Sequence[Pose]) -> bool:
     )
 
 
-def test_a_shipped_mission_converges_and_its_recording_is_whole(tmp_path: Path) -> None:
+def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> None:
     name, mission = "six_robots", load("six_robots")
     with started(name, "--duration", "90", "--record", "run.mcap", folder=tmp_path) as process:
         result = formed(process, 0.01, within=12.0)
@@ -101,14 +101,14 @@ def test_a_shipped_mission_converges_and_its_recording_is_whole(tmp_path: Path) 
     to_the_fleet = sum(one["published"] for one in processes.values())
     truths = processes["monitor"]["robot"]["received"]
     assert processes["robots"]["published"] == 0
-    assert processes["robots"]["robot"]["published"] == 2 * truths  # and as much odometry
+    assert processes["robots"]["robot"]["published"] == 2 * truths  # ground truth, and as much odometry
     assert result["recorded"] == to_the_fleet + truths
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         types, counts = {}, Counter[str]()
         for schema, channel, _ in reader.iter_messages():
             assert schema is not None
-            if channel.topic.endswith(SUFFIX):  # what rode on a message, which is counted
+            if channel.topic.endswith(SUFFIX):  # attachments; their messages are counted
                 continue
             types[channel.topic] = schema.name
             counts[channel.topic] += 1
@@ -118,23 +118,23 @@ def test_a_shipped_mission_converges_and_its_recording_is_whole(tmp_path: Path) 
     for robot in mission.followers:
         driven = [decode(Odometry, payload).stamp for payload in said_by[f"/{ODOM.key(robot)}"]]
         truths = [decode(Pose, payload).stamp for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"]]
-        # the agent has repeated it, from when the monitor was linked with all robots on
+        # the agent republishes odometry; recorded once the monitor is connected to all robots
         assert driven[-1] - driven[0] > 0.95 * result["duration"] - LONGEST_REDIAL
         meanwhile = [stamp for stamp in truths if driven[0] <= stamp <= driven[-1]]
         assert 0.95 * len(meanwhile) < len(driven) <= len(truths)
-        # a robot without time for one leaves it out, and is not late for the next
+        # a busy robot skips a message, and publishes the next in time
         assert median(after - before for before, after in pairwise(meanwhile)) == pytest.approx(0.05, rel=0.1)
         assert len(driven) <= counts[f"/{CMD_VEL.key(robot)}"]
 
 
 @pytest.mark.smoke
-def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) -> None:
+def test_ctrl_c_brings_robots_to_rest_and_ends_processes(tmp_path: Path) -> None:
     mission = load("turtlebot3_pair")
     flags = ("--law", "paper", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
-        children = wait_until_running(process, 1.5)  # nobody has arrived yet
+        children = wait_until_running(process, 1.5)  # no robot has reached its slot yet
         assert len(children) == len(mission.followers) + 3
-        os.killpg(process.pid, signal.SIGINT)  # what a terminal does
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does on Ctrl-C
         result = result_of(process)
     assert process.returncode in {0, 1}
     assert process.returncode == (0 if result["converged"] else 1)
@@ -145,7 +145,7 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
     assert result["lost"] == 0
     said_by = payloads_of(tmp_path / "run.mcap")
     for robot in mission.followers:
-        # the agents have gone by then, and with them who repeats odometry
+        # by ground truth: the agents, which republish odometry, have ended
         assert at_rest([decode(Pose, payload) for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"][-2:]])
         command = decode(TwistStamped, said_by[f"/{CMD_VEL.key(robot)}"][-1])
         assert (command.speed, command.turn_rate) == (0.0, 0.0)
@@ -153,7 +153,7 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
         assert output.values["law"] == result["law"] == "paper"
 
 
-def test_a_launcher_that_is_killed_outright_leaves_no_process(tmp_path: Path) -> None:
+def test_killed_launcher_leaves_no_process(tmp_path: Path) -> None:
     with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
         children = wait_until_running(process, 1.0)
         process.kill()
@@ -168,7 +168,7 @@ def test_watchdog_stops_robot_of_killed_agent_in_run(tmp_path: Path) -> None:
     flags = ("--watchdogs", "--duration", "300", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         reported = Output(process)
-        children = reported.wait(1.0)  # nobody has arrived yet
+        children = reported.wait(1.0)  # no robot has reached its slot yet
         victim = next(one for one in children if {"formation.agent", "robot2"} <= set(one.cmdline()))
         victim.kill()
         reported.wait_more(4.0)
@@ -186,10 +186,10 @@ def test_watchdog_stops_robot_of_killed_agent_in_run(tmp_path: Path) -> None:
     truth = payloads_of(tmp_path / "run.mcap")[f"/{GROUND_TRUTH.key('robot2')}"]
     poses = [decode(Pose, payload) for payload in truth]
     assert at_rest(poses[-60:])
-    assert abs(poses[-1].position - poses[0].position) > 0.05  # it had been driving
+    assert abs(poses[-1].position - poses[0].position) > 0.05  # the robot had been driving
 
 
-def test_field_mission_runs_locally_on_own_ports(tmp_path: Path) -> None:
+def test_field_mission_runs_on_local_ports(tmp_path: Path) -> None:
     text, _ = read("turtlebot3_pair")
     text = text.replace("[robot]", '[robot]\nrobot_endpoint = "tcp/127.0.0.1:7447"\nros = "rmw_zenoh"')
     for number, name in enumerate(("leader", "robot1", "robot2")):
@@ -226,7 +226,7 @@ def test_field_mission_runs_locally_on_own_ports(tmp_path: Path) -> None:
 
 
 @pytest.mark.smoke
-def test_a_bad_mission_starts_nothing(tmp_path: Path) -> None:
+def test_bad_mission_exits_with_2_and_leaves_no_file(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text('name = "bad"\nleader = "nobody"\n')
     with started("bad.toml", folder=tmp_path) as process:
         out, err = process.communicate(timeout=30.0)
@@ -237,8 +237,8 @@ def test_a_bad_mission_starts_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.smoke
-def test_orders_reach_a_running_mission_and_each_robot_acknowledges(tmp_path: Path) -> None:
-    flags = ("--duration", "300", "--record", "run.mcap")  # four orders take as long as the machine does
+def test_each_robot_acknowledges_orders_during_run(tmp_path: Path) -> None:
+    flags = ("--duration", "300", "--record", "run.mcap")  # a busy machine takes long for four orders
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         assert process.stderr is not None
         hint = process.stderr.readline().partition("another terminal: ")[2].split()

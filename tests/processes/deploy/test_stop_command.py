@@ -1,4 +1,4 @@
-"""`formation stop` as it is typed: whom it asks, and what it answers."""
+"""`formation stop` on the command line: which robots it asks, and what it prints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from formation.deploy.order import DEFAULT, found
 from formation.deploy.refusal import Refusal
 from formation.mission.file import DESK, MISSION_NAME, configuration_of, file_of, load, shipped
 
-NOBODY = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
+UNREACHABLE = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
 
 
 def bundles(folder: Path, mission: str = "turtlebot3_pair") -> Path:
@@ -23,42 +23,42 @@ def bundles(folder: Path, mission: str = "turtlebot3_pair") -> Path:
     return folder
 
 
-def answered(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
-    """What a program is told of a stop that reached nobody."""
-    assert main([*words, *NOBODY]) == 1
+def unanswered(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    """JSON output for a stop that reaches no process."""
+    assert main([*words, *UNREACHABLE]) == 1
     report: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert report.pop("id")
     assert report.pop("at") > 0.0
     return report
 
 
-def test_stop_answers_as_the_order_does(capsys: pytest.CaptureFixture[str]) -> None:
-    short = answered(capsys, "stop", "turtlebot3_pair")
-    assert short == answered(capsys, "order", "turtlebot3_pair", "stop")
+def test_stop_prints_same_report_as_order_stop(capsys: pytest.CaptureFixture[str]) -> None:
+    short = unanswered(capsys, "stop", "turtlebot3_pair")
+    assert short == unanswered(capsys, "order", "turtlebot3_pair", "stop")
     assert short["missing"] == ["leader", "robot1", "robot2"]
 
 
-def test_stop_needs_no_mission(
+def test_stop_without_mission_uses_default_or_bundles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert answered(capsys, "stop")["missing"] == list(load(DEFAULT).names)
-    assert main(["stop", *NOBODY]) == 1
+    assert unanswered(capsys, "stop")["missing"] == list(load(DEFAULT).names)
+    assert main(["stop", *UNREACHABLE]) == 1
     assert "formation stop MISSION" in capsys.readouterr().err
     bundles(Path("field"))
-    assert answered(capsys, "stop")["missing"] == ["leader", "robot1", "robot2"]
+    assert unanswered(capsys, "stop")["missing"] == ["leader", "robot1", "robot2"]
     monkeypatch.chdir("field")
-    assert answered(capsys, "stop")["missing"] == ["leader", "robot1", "robot2"]
+    assert unanswered(capsys, "stop")["missing"] == ["leader", "robot1", "robot2"]
 
 
-def test_several_fleets_are_named(tmp_path: Path) -> None:
+def test_several_bundle_folders_are_refused_by_name(tmp_path: Path) -> None:
     bundles(tmp_path / "east")
     bundles(tmp_path / "west")
     with pytest.raises(Refusal, match=r"formation stop .*east, or formation stop .*west"):
         found(tmp_path)
 
 
-def test_a_folder_of_bundles_is_a_mission(tmp_path: Path) -> None:
+def test_bundle_folder_is_accepted_as_mission(tmp_path: Path) -> None:
     folder = bundles(tmp_path / "six_robots")
     assert file_of(folder) == file_of(folder / DESK) == folder / DESK / MISSION_NAME
     assert load(folder) == load("turtlebot3_pair")
@@ -67,7 +67,7 @@ def test_a_folder_of_bundles_is_a_mission(tmp_path: Path) -> None:
     assert configuration_of(folder, "operator") == folder / DESK / "operator.json5"
 
 
-def test_the_operators_configuration_comes_with_the_folder(
+def test_stop_reads_operator_configuration_in_bundle_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = bundles(tmp_path / "field")
@@ -77,11 +77,11 @@ def test_the_operators_configuration_comes_with_the_folder(
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_a_shipped_mission_answers_to_its_title(name: str) -> None:
+def test_shipped_mission_loads_by_title(name: str) -> None:
     assert load(load(name).name) == load(name)
 
 
-def test_a_file_outranks_a_title(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_takes_precedence_over_mission_title(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("six-robots").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
     assert load("six-robots").name == "turtlebot3-pair"

@@ -1,4 +1,4 @@
-"""Recordings of real runs, lived through again by today's agents: bar 5 of watching."""
+"""`formation replay --verify` with recordings of real runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.processes
 
 
 def verified(recording: Path, *flags: str) -> tuple[int, str, dict[str, Any]]:
-    """Exit code of `formation replay FILE --verify`, what people read, and what programs do."""
+    """Exit code of `formation replay FILE --verify`, its text and its JSON output."""
     out, words = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(words):
         code = main([str(recording), "--verify", "--json", *flags])
@@ -35,8 +35,8 @@ def verified(recording: Path, *flags: str) -> tuple[int, str, dict[str, Any]]:
     return code, words.getvalue(), result
 
 
-def commands(recording: Path) -> dict[str, int]:
-    """How many of each robot are in a recording."""
+def command_counts(recording: Path) -> dict[str, int]:
+    """Number of recorded commands, by robot."""
     one = read(recording)
     counts = Counter(message.sample.key for message in one.messages())
     return {name: counts[CMD_VEL.key(name)] for name in one.mission.followers}
@@ -49,22 +49,22 @@ def recorded(folder: Path, *arguments: str) -> Path:
     return folder / "run.mcap"
 
 
-def whole(recording: Path) -> None:
-    """Every command of every robot has been compared, and is the same to the last bit."""
+def assert_commands_reproduced(recording: Path) -> None:
+    """Assert that every command of every robot is compared and is equal to the last bit."""
     code, text, result = verified(recording)
     assert code == 0, text
-    assert {name: one["exact"] for name, one in result["robots"].items()} == commands(recording), text
-    assert min(commands(recording).values()) > 100
+    assert {name: one["exact"] for name, one in result["robots"].items()} == command_counts(recording), text
+    assert min(command_counts(recording).values()) > 100
 
 
 @pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair"])
-def test_every_command_of_real_run_is_reproduced_exactly(tmp_path: Path, mission: str) -> None:
-    whole(recorded(tmp_path, mission))
+def test_every_command_of_run_is_reproduced_exactly(tmp_path: Path, mission: str) -> None:
+    assert_commands_reproduced(recorded(tmp_path, mission))
 
 
 @contextmanager
-def like(line: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A process with such a command line, but for its parent, that is ready."""
+def replacement(line: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process with this command line, as a child of this one; yield it once it is ready."""
     line = line.copy()
     line[line.index("--parent") + 1] = str(os.getpid())
     with (
@@ -80,8 +80,8 @@ def like(line: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
             other.kill()
 
 
-def eventful(folder: Path) -> Path:
-    """A run with orders, and an agent that was killed and replaced."""
+def recorded_with_replaced_agent(folder: Path) -> Path:
+    """The recording of a run with orders, and with an agent that was killed and replaced."""
     with started("turtlebot3_pair", "--duration", "300", "--record", "run.mcap", folder=folder) as process:
         assert process.stderr is not None
         links = process.stderr.readline().partition("another terminal: ")[2].split()[3:]
@@ -96,7 +96,7 @@ def eventful(folder: Path) -> Path:
             subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
         reported.wait_more(4.0)
         os.kill(victim, signal.SIGKILL)
-        with like(agent, folder):
+        with replacement(agent, folder):
             reported.wait_more(4.0)
         process.send_signal(signal.SIGTERM)
         reported.ended()
@@ -104,16 +104,16 @@ def eventful(folder: Path) -> Path:
     return folder / "run.mcap"
 
 
-def test_requests_and_replaced_agent_are_reproduced(tmp_path: Path) -> None:
-    recording = eventful(tmp_path)
+def test_run_with_orders_and_replaced_agent_is_reproduced(tmp_path: Path) -> None:
+    recording = recorded_with_replaced_agent(tmp_path)
     code, text, result = verified(recording)
     assert code == 0, text
     for name, one in result["robots"].items():
-        assert one["exact"] == commands(recording)[name] - cut_short(one), text
+        assert one["exact"] == command_counts(recording)[name] - commands_without_odometry(one), text
 
 
-def cut_short(robot: dict[str, Any]) -> int:
-    """One if an agent was killed when it had said its last command, and not yet what odometry led to it."""
+def commands_without_odometry(robot: dict[str, Any]) -> int:
+    """1 if the agent was killed after its last command and before it published the odometry used, else 0."""
     last = [one for one in robot["not_judged"] if "robot2/odom that its agent heard" in one["reason"]]
     robot["not_judged"] = [one for one in robot["not_judged"] if one not in last]
     assert [one["commands"] for one in last] in ([], [1])

@@ -1,4 +1,4 @@
-"""Who waits at a terminal for longer than a moment is told for what."""
+"""The message on a terminal during a long wait, and keys without a terminal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.child import PATIENCE
 
 
 class Screen(io.StringIO):
-    """In place of stderr: a terminal or none."""
+    """Replaces stderr, with or without a terminal."""
 
     def __init__(self, *, terminal: bool = True) -> None:
         super().__init__()
@@ -26,7 +26,7 @@ class Screen(io.StringIO):
         return self._terminal
 
 
-def test_terminal_shows_the_reason_for_waiting(
+def test_terminal_shows_reason_of_long_wait(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     screen, deadline = Screen(), time.monotonic() + PATIENCE
@@ -38,7 +38,7 @@ def test_terminal_shows_the_reason_for_waiting(
 
 
 @pytest.mark.parametrize(("terminal", "after"), [(True, PATIENCE), (False, 0.0)])
-def test_without_wait_or_terminal_nothing_is_shown(
+def test_short_wait_or_missing_terminal_shows_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *, terminal: bool, after: float
 ) -> None:
     screen = Screen(terminal=terminal)
@@ -48,6 +48,6 @@ def test_without_wait_or_terminal_nothing_is_shown(
     assert (capsys.readouterr().out, screen.getvalue()) == ("", "")
 
 
-def test_what_is_no_terminal_has_no_keys() -> None:
+def test_keys_without_terminal_are_empty() -> None:
     with Path(os.devnull).open() as nothing, Keys(nothing) as keys:
         assert keys.wait(0.0) == []

@@ -1,4 +1,4 @@
-"""`formation watch` for real: beside a run and its monitor, several at once, and with nobody there."""
+"""`formation watch` as a process: several beside a run and its monitor, and one without a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SIX = load("six_robots")
 
 @contextmanager
 def running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """Six robots that run, and the flags that lead to them: their ports may be others than usual."""
+    """Start a run of six robots; yield its process, and flags with its endpoints, which may be unusual."""
     arguments = ("run", "six_robots", "--duration", "300", "--no-page", "--json", "--record", "run.mcap")
     with command(*arguments, folder=folder) as process:
         assert process.stderr is not None
@@ -38,7 +38,7 @@ def running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
             if "6 run" in line:
                 yield process, flags
                 return
-    raise AssertionError("they did not come to run")
+    raise AssertionError("the robots did not reach run")
 
 
 def watched(*flags: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -53,24 +53,24 @@ def lines_of_json(stream: IO[str]) -> Iterator[dict[str, Any]]:
 
 
 def formed(seen: dict[str, Any]) -> bool:
-    """Whether all follow: a robot that set out late is unavailable until it is near its slot."""
+    """Whether all robots run and are near their slots: until then a late robot is unavailable."""
     error = seen["formation_error"]
     return bool(seen["all_run"]) and error is not None and error < 0.04
 
 
-def looks(*flags: str, folder: Path) -> Iterator[subprocess.CompletedProcess[str]]:
-    """Pictures, one after the other.
+def snapshots(*flags: str, folder: Path) -> Iterator[subprocess.CompletedProcess[str]]:
+    """Results of `formation watch --once`, one after another.
 
-    In one of them somebody may hold, who heard nothing while the machine stood still.
+    In some of them a robot may hold because a busy machine delayed its messages.
     """
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         yield watched("--once", *flags, folder=folder)
-    raise AssertionError("they never ran all")
+    raise AssertionError("not all robots ran in one snapshot")
 
 
 def all_run_in_table(look: subprocess.CompletedProcess[str]) -> bool:
-    """Whether they do in a table, whose exit code says the same."""
+    """Whether all robots run, by the table; check that the exit code agrees."""
     title, _, *rest = look.stdout.splitlines()
     rows = [line.split() for line in rest[: len(SIX.names)]]
     assert (title, [row[0] for row in rows]) == ("six-robots, field law", list(SIX.names)), look.stderr
@@ -80,13 +80,13 @@ def all_run_in_table(look: subprocess.CompletedProcess[str]) -> bool:
 
 
 def all_run_in_json(look: subprocess.CompletedProcess[str]) -> bool:
-    """Whether they do as programs are told, which goes for the exit code, too."""
+    """Whether all robots run, by the JSON output; check that the exit code agrees."""
     seen = json.loads(look.stdout)
     assert (seen["all_run"], seen["mission"]) == (look.returncode == 0, "six-robots")
     return look.returncode == 0 and seen["formation_error"] is not None
 
 
-def test_several_watchers_see_the_lost_robot(tmp_path: Path) -> None:
+def test_watchers_show_formed_run_and_lose_no_message(tmp_path: Path) -> None:
     with running(tmp_path) as (run, flags), ExitStack() as stack:
         watchers = [
             stack.enter_context(command("watch", "six_robots", "--json", *flags, folder=tmp_path))
@@ -96,21 +96,21 @@ def test_several_watchers_see_the_lost_robot(tmp_path: Path) -> None:
             assert watcher.stdout is not None
             assert next(filter(formed, lines_of_json(watcher.stdout)))
 
-        assert any(map(all_run_in_table, looks(*flags, folder=tmp_path)))
-        assert any(map(all_run_in_json, looks("--json", *flags, folder=tmp_path)))
+        assert any(map(all_run_in_table, snapshots(*flags, folder=tmp_path)))
+        assert any(map(all_run_in_json, snapshots("--json", *flags, folder=tmp_path)))
 
         for watcher in watchers:
             watcher.send_signal(signal.SIGINT)
-            watcher.communicate(timeout=PATIENCE)  # it may be waiting for somebody to read what it says
+            watcher.communicate(timeout=PATIENCE)  # it may block until its output is read
             assert watcher.returncode == 0
         run.send_signal(signal.SIGINT)
         out, _ = run.communicate(timeout=60.0)
         result = json.loads(out.splitlines()[-1])
-        assert result["lost"] == 0  # the real monitor has missed nothing
+        assert result["lost"] == 0  # the monitor of the run has missed no message
         assert all(child["exit"] == 0 for child in result["processes"].values())
 
 
-def test_a_fleet_that_stands_is_no_fleet_that_runs(tmp_path: Path) -> None:
+def test_watch_once_exits_with_1_for_stopped_fleet(tmp_path: Path) -> None:
     with running(tmp_path) as (_, flags):
         with command("order", "six_robots", "stop", *flags, folder=tmp_path) as order:
             assert order.wait(PATIENCE) == 0
@@ -120,30 +120,30 @@ def test_a_fleet_that_stands_is_no_fleet_that_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("flags", [[], ["--json"]])
-def test_without_answers_it_suggests_remedies(flags: list[str], tmp_path: Path) -> None:
+def test_watch_without_answers_suggests_remedies(flags: list[str], tmp_path: Path) -> None:
     end = free_endpoint()
-    nobody = watched("--once", "-e", end, *flags, folder=tmp_path)
-    assert nobody.returncode == 1
-    assert nobody.stderr.startswith(f"six-robots: no process answers at {end}\n")
-    assert "formation run six_robots" in nobody.stderr
-    assert "-c FILE" in nobody.stderr
-    assert not nobody.stdout or not json.loads(nobody.stdout)["all_run"]
+    unanswered = watched("--once", "-e", end, *flags, folder=tmp_path)
+    assert unanswered.returncode == 1
+    assert unanswered.stderr.startswith(f"six-robots: no process answers at {end}\n")
+    assert "formation run six_robots" in unanswered.stderr
+    assert "-c FILE" in unanswered.stderr
+    assert not unanswered.stdout or not json.loads(unanswered.stdout)["all_run"]
 
 
-def test_suggested_command_can_be_pasted_for_any_filename() -> None:
+def test_suggested_command_quotes_mission_filename() -> None:
     options = argparse.Namespace(mission="it's mine.toml", connect=[], config=None)
     (line,) = [line for line in no_answer_message(SIX, options).splitlines() if "formation run" in line]
     assert shlex.split(line.partition("? ")[2])[-1] == options.mission
 
 
-def test_watch_without_messages_says_so_and_waits(tmp_path: Path) -> None:
+def test_watch_without_messages_reports_it_and_waits(tmp_path: Path) -> None:
     with command("watch", "six_robots", "-e", free_endpoint(), folder=tmp_path) as process:
         assert process.stdout is not None
         output = [process.stdout.readline() for _ in range(2)]
         assert output[0] == "six-robots: looking for the robots …\n"
         while "no process answers" not in output[-1]:
             output.append(process.stdout.readline())
-            assert output[-1], "it ended"
+            assert output[-1], "the watch ended"
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0

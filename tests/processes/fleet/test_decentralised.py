@@ -1,4 +1,4 @@
-"""Nothing in the middle: what each running process hears, whom it is linked with, and who is not needed."""
+"""The fleet is decentralised: subscriptions, publications, links and ports of each running process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from tests.support.zenoh_admin import Peer, clients, inspect
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
 MISSIONS = (pytest.param("six_robots", marks=pytest.mark.slow), "patrol")
-"""The first that a user runs, and one with standbys and fallback neighbours."""
+"""The first mission that a user runs, and one with standbys and fallback neighbours."""
 OTHERS = ("turtlebot3_pair", "two_chains", "posts", "convoy")
 """The other shipped missions."""
 
@@ -53,7 +53,7 @@ def running(name: str, record: Path) -> Iterator[Team]:
     mission = load(name)
     with ExitStack() as stack:
         where = stack.enter_context(Ports(mission)).endpoints
-        flags = ("--no-page",)  # a page is no part of the fleet: the test looks at its sockets
+        flags = ("--no-page",)  # a page has sockets that are no part of the fleet
         plan = programs(
             mission, name, where, parent=os.getpid(), record=record, page=flags, patience=STARTING
         )
@@ -70,13 +70,13 @@ def running(name: str, record: Path) -> Iterator[Team]:
 
 @pytest.fixture(scope="module", params=MISSIONS)
 def team(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
-    """A running team that tests only look at."""
+    """Start a team, which tests must not change."""
     with running(request.param, tmp_path_factory.mktemp("team") / "run.mcap") as team:
         yield team
 
 
 def wait_until_linked(team: Team) -> None:
-    """Processes that start together find each other one by one."""
+    """Wait until all links are up: processes that start together link one by one."""
     deadline = time.monotonic() + PATIENCE
     while any(len(peer.links) < expected_links(team, name) for name, peer in peers(team).items()) or any(
         len(found) < 2 for found in behind_robots(team).values()
@@ -85,17 +85,17 @@ def wait_until_linked(team: Team) -> None:
 
 
 def expected_links(team: Team, name: str) -> int:
-    """Its partners and the monitor."""
+    """Return the number of links of a process: with its partners and the monitor."""
     return len(partners(team.mission, name)) + 1
 
 
 def peers(team: Team) -> dict[str, Peer]:
-    """Every agent, the leader and the standbys on the fleet's bus, by name."""
+    """Return every agent, the leader and the standbys on the fleet's bus, by name."""
     return {name: inspect(endpoint) for name, endpoint in team.where.agents.items()}
 
 
 def behind_robots(team: Team) -> dict[str, list[Peer]]:
-    """The clients of every robot's router, by robot."""
+    """Return the clients of every robot's router, by robot."""
     return {robot: clients(endpoint) for robot, endpoint in team.where.robots.items()}
 
 
@@ -121,7 +121,7 @@ def keys(topic: Topic, names: Iterable[str]) -> set[str]:
 
 
 def test_agent_subscribes_to_its_neighbours_only(team: Team) -> None:
-    """And where there are standbys, who of those that may lead asks for its vote."""
+    """In a mission with standbys, also to the candidates' ballots."""
     seen, mission = peers(team), team.mission
     for robot in mission.followers:
         positions = keys(POSITION, mission.robots[robot].measurable)
@@ -131,7 +131,7 @@ def test_agent_subscribes_to_its_neighbours_only(team: Team) -> None:
 
 
 def test_candidates_subscribe_to_linked_agents_only(team: Team) -> None:
-    """The leader those that measure it; where there are standbys all of them everybody, and each other."""
+    """With standbys, each candidate subscribes to all followers and to the other candidates."""
     seen, mission = peers(team), team.mission
     measure = {i for i in mission.followers if mission.leader in mission.robots[i].neighbours}
     for name in mission.candidates:
@@ -141,8 +141,8 @@ def test_candidates_subscribe_to_linked_agents_only(team: Team) -> None:
         assert seen[name].queryables == {ORDER.key(name)}
 
 
-def test_in_the_fleet_a_process_speaks_for_its_own_robot_only(team: Team) -> None:
-    """Those that may lead speak for the leader, each when it leads."""
+def test_fleet_processes_publish_only_their_own_keys(team: Team) -> None:
+    """A candidate also publishes the leader's position, when it leads."""
     mission = team.mission
     for name, peer in peers(team).items():
         if name in mission.followers:
@@ -152,10 +152,10 @@ def test_in_the_fleet_a_process_speaks_for_its_own_robot_only(team: Team) -> Non
             assert peer.publications == {POSITION.key(mission.leader), STATUS.key(name)} | agreed
 
 
-def test_agent_side_of_robot_has_own_keys_only(team: Team) -> None:
+def test_agent_uses_only_its_own_keys_at_robot_router(team: Team) -> None:
     for robot, found in behind_robots(team).items():
         (agent,) = [one for one in found if one.name == "formation_agent"]
-        # a sign of life that is not its own says that another agent commands the robot
+        # a sign of life of another publisher shows that another agent commands the robot
         assert agent.subscriptions == robot_keys(robot, ODOM, SCAN, ALIVE)
         assert agent.publications == robot_keys(robot, CMD_VEL, ALIVE, POSITION, STATUS)
         assert agent.queryables == set()
@@ -174,7 +174,7 @@ def test_fleet_links_are_those_of_graph_and_monitor(
         assert len(peer.links) == expected_links(team, robot)
         assert set(peer.links.values()) == {1}
         strangers |= {zid for zid in peer.links if zid not in names}
-    assert len(strangers) == 1  # the one session that everybody is linked with: the monitor's
+    assert len(strangers) == 1  # the monitor's session, which is linked with all
 
 
 def test_agent_has_one_link_to_its_robot_router(team: Team) -> None:
@@ -187,11 +187,11 @@ def test_agent_has_one_link_to_its_robot_router(team: Team) -> None:
             assert one.links == {router.zid: 1}
             assert one.kinds == {"router"}
             assert one.locators == ()
-        assert not agents & set(router.links)  # it is another session than the fleet's
+        assert not agents & set(router.links)  # the agent has another session in the fleet
 
 
 @pytest.mark.smoke
-def test_an_agent_holds_no_connection_but_these(team: Team) -> None:
+def test_agent_dials_only_earlier_partners_and_its_robot(team: Team) -> None:
     for robot in team.mission.followers:
         dialled = [
             one.raddr.port
@@ -205,7 +205,7 @@ def test_an_agent_holds_no_connection_but_these(team: Team) -> None:
         assert sorted(dialled) == sorted([*wanted, port(team.where.robots[robot])])
 
 
-def test_the_fleet_has_no_router_and_nothing_is_multicast(team: Team) -> None:
+def test_fleet_has_no_router_and_no_multicast(team: Team) -> None:
     for peer in peers(team).values():
         assert peer.kinds == {"peer"}
     expected = {port(end) for end in endpoints(team)}
@@ -217,7 +217,7 @@ def test_the_fleet_has_no_router_and_nothing_is_multicast(team: Team) -> None:
     assert received == expected
 
 
-def test_only_robots_listen_on_the_robots_side_and_only_on_it(team: Team) -> None:
+def test_each_process_listens_only_on_its_own_endpoints(team: Team) -> None:
     wanted = {
         "monitor": set[int](),
         "robots": {port(end) for end in team.where.robots.values()},
@@ -238,7 +238,7 @@ def test_other_shipped_missions_have_the_links_of_their_graph(name: str, tmp_pat
         test_agent_subscribes_to_its_neighbours_only(team)
         test_candidates_subscribe_to_linked_agents_only(team)
         test_fleet_links_are_those_of_graph_and_monitor(team)
-        test_an_agent_holds_no_connection_but_these(team)
+        test_agent_dials_only_earlier_partners_and_its_robot(team)
         mission = team.mission
         for robot in mission.followers:
             graph = {

@@ -1,4 +1,4 @@
-"""Section 5 of the paper on two TurtleBots, by real agents and a real leader, however ROS 2 reaches Zenoh."""
+"""Section 5 of the paper with two played TurtleBots, real agents and leader, by each ROS 2 transport."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from tests.support.missions import edited
 
 pytestmark = pytest.mark.processes
 VARIANTS = [("ros2dds", "twist_stamped"), ("rmw_zenoh", "twist")]
-"""The other two combinations are those of the tests below."""
+"""The tests further down have the other two combinations."""
 GOOD = 0.02
 """Formation error of the true poses, summed over the edges [m]."""
 LONG_ENOUGH = 5.0
-"""It must stay that good for so long [s]."""
+"""Time for which the error must stay below `GOOD` [s]."""
 PAIR = read("turtlebot3_pair")[0]
 FIRMWARE = 'odometry_frame = "start"\nspeed_step = 0.01\nturn_rate_step = 0.01'
 
 
 class Team:
-    """Two played robots, their agents and the leader, and who watches."""
+    """Two played robots, their agents, and a bus that receives the leader's position."""
 
     def __init__(self, mission: Mission, robots: dict[str, TurtleBot3], watcher: Bus) -> None:
         self.mission, self.robots, self._watcher = mission, robots, watcher
@@ -45,7 +45,7 @@ class Team:
         """Wall clock [s] and formation error [m], for each position of the leader."""
 
     def watch(self) -> None:
-        """Compare all that the leader has said with where the robots then were."""
+        """Compute the true formation error at each position that the leader has sent."""
         self._watcher.wait(0.1)
         for sample in self._watcher.drain():
             if sample.key == POSITION.key(self.mission.leader):
@@ -57,7 +57,7 @@ class Team:
                 self.errors.append((leader.stamp, error))
 
     def control_point(self, name: str, wall: float) -> complex:
-        """Where the control point of a robot truly was [m; world frame]."""
+        """Return the true control point of a robot at a time [m; world frame]."""
         path = self.robots[name].path
         at = min(max(bisect.bisect(path, wall, key=lambda one: one.wall), 1), len(path) - 1)
         before, after = path[at - 1], path[at]
@@ -67,7 +67,7 @@ class Team:
         return points[0] + share * (points[1] - points[0])
 
     def settles(self) -> list[float]:
-        """Wait until the error has been good for long enough; those errors."""
+        """Wait until the error has been below `GOOD` for `LONG_ENOUGH`; return the errors of that time."""
         deadline = time.monotonic() + PATIENCE + LONG_ENOUGH
         good_since = len(self.errors)
         while len(self.errors) <= good_since or self.errors[-1][0] - self.errors[good_since][0] < LONG_ENOUGH:
@@ -80,7 +80,7 @@ class Team:
         return [error for _, error in self.errors[good_since:]]
 
     def _account(self) -> str:
-        """What may tell why the error is not small: errors over time, each robot, what agents say."""
+        """Describe why the error may be large: errors over time, each robot, its agent's status and log."""
         lines = [f"errors: {[(round(at, 2), round(error, 4)) for at, error in self.errors[::20]]}"]
         for name, robot in self.robots.items():
             topic = Listener(self, name, STATUS)
@@ -95,7 +95,7 @@ class Team:
 
 
 class Listener:
-    """What other ROS 2 nodes on a robot hear of its agent on one topic."""
+    """Receives one topic of a robot's agent, as other ROS 2 nodes on the robot do."""
 
     def __init__(self, team: Team, robot: str, topic: Topic) -> None:
         played, naming = team.robots[robot], Naming.of(team.mission.robots, [robot])
@@ -105,19 +105,19 @@ class Listener:
 
     def next(self) -> zenoh.Sample:
         samples: list[zenoh.Sample] = []
-        until(lambda: self._came(samples))
+        until(lambda: self._receive(samples))
         return samples[0]
 
     def value(self, name: str, fits: Callable[[str], bool]) -> str:
-        """What status says of `name` once that `fits`."""
+        """Wait until the value `name` of the status `fits`; return it."""
         deadline = time.monotonic() + PATIENCE
         while True:
             (result,) = decode(Diagnostics, bytes(self.next().payload)).statuses
             if fits(result.values.get(name, "")):
                 return result.values[name]
-            assert time.monotonic() < deadline, f"status says {result.values}"
+            assert time.monotonic() < deadline, f"status has {result.values}"
 
-    def _came(self, samples: list[zenoh.Sample]) -> bool:
+    def _receive(self, samples: list[zenoh.Sample]) -> bool:
         sample = self._samples.try_recv()
         if sample is not None:
             samples.append(sample)
@@ -128,7 +128,7 @@ class Listener:
 def running(
     tmp_path: Path, ros: str, kind: str, *, prefixed: bool = False, domain: int = 0, bare: bool = False
 ) -> Iterator[Team]:
-    """The mission, under way; ``bare`` robots have no namespace, as from the box."""
+    """Run the mission; ``bare`` robots have no namespace, as delivered."""
     keys = f'ros = "{ros}"\ncmd_vel = "{kind}"\ndomain = {domain}\n{FIRMWARE}'
     text = edited(PAIR, "robot", f'{keys}\nnamespace = ""' if bare else keys)
     file = tmp_path / "pair.toml"
@@ -162,12 +162,12 @@ def running(
         yield team
 
 
-def assert_nothing_wrong_was_sent(team: Team) -> None:
+def assert_all_commands_were_valid(team: Team) -> None:
     for robot in team.robots.values():
         assert robot.troubles == {}
         assert robot.lost == 0
         assert len(robot.taken) > 100
-        # the agent has cut its commands itself, so that it knows what is left over
+        # the agent has truncated its commands itself, so that it knows the remainder
         assert (
             max(abs(t - o) for one in robot.taken for t, o in zip(one.commanded, one.obeyed, strict=True))
             < 1e-9
@@ -176,7 +176,7 @@ def assert_nothing_wrong_was_sent(team: Team) -> None:
 
 
 @pytest.mark.parametrize(("ros", "kind"), VARIANTS)
-def test_the_formation_stands_within_2_cm_though_commands_are_cut(
+def test_formation_error_stays_below_2_cm_with_truncated_commands(
     ros: str, kind: str, tmp_path: Path
 ) -> None:
     with running(tmp_path, ros, kind) as team:
@@ -186,14 +186,14 @@ def test_the_formation_stands_within_2_cm_though_commands_are_cut(
             f"{ros} {kind}: settled after {team.errors[-1][0] - began - LONG_ENOUGH:.1f} s, then "
             f"mean {1e3 * sum(errors) / len(errors):.1f} mm, at most {1e3 * max(errors):.1f} mm"
         )
-        assert_nothing_wrong_was_sent(team)
+        assert_all_commands_were_valid(team)
 
 
 def test_odometry_reset_during_mission_causes_no_lurch(tmp_path: Path) -> None:
     with running(tmp_path, "rmw_zenoh", "twist", prefixed=True) as team:
         team.settles()
         robot, received = team.robots["robot2"], Listener(team, "robot2", STATUS)
-        # at a moment at which one command of before may be on its way, but no two
+        # at a time at which at most one earlier command may be on its way
         until(lambda: robot.taken[-1].mono > robot.path[-1].wall - time.time() + time.monotonic())
         before, reset = len(robot.taken), time.time()
         robot.reset_odometry()
@@ -206,14 +206,14 @@ def test_odometry_reset_during_mission_causes_no_lurch(tmp_path: Path) -> None:
         offset = team.mission.robots["robot2"].control_point_offset
         for part, metres in (("speed", 1.0), ("turn_rate", offset)):
             most = max(abs(getattr(one.commanded, part)) for one in usual)
-            # at its gain the law closes what the robot lost while it stood, however long that was
+            # the law closes at its gain what the robot lost while it stood, which depends on the time
             closing = team.mission.gains.k_p * lost / metres
             assert max(abs(getattr(one.commanded, part)) for one in after) < most + 0.1 + closing
-        # while it is in doubt, it stands
+        # it stands until its odometry is aligned again
         assert (0.0, 0.0) in [one.commanded for one in after[:2]]
         assert received.value("realigned", lambda count: count != "0") == "1"
         assert received.value("realigned_after", bool).endswith("_jumped")
-        assert_nothing_wrong_was_sent(team)
+        assert_all_commands_were_valid(team)
 
 
 def test_ros_2_nodes_see_agent_and_its_topics(tmp_path: Path) -> None:
@@ -252,7 +252,7 @@ def test_bridge_positions_are_plain_and_lost_route_reported(tmp_path: Path) -> N
         position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
         sample = position.next()
         assert str(sample.key_expr) == "position"
-        assert sample.attachment is None  # the order is for the fleet
+        assert sample.attachment is None  # the order is sent to the fleet only
         messages.PoseStamped.deserialize(bytes(sample.payload))
         status.value("link", lambda link: link == "connected")
         team.robots["robot1"].lose_route()

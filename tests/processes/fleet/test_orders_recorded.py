@@ -1,4 +1,4 @@
-"""What is ordered on the command line is in the recording: what, by which id, when, what was answered."""
+"""Orders of the command line are in the recording: content, id, time and answer."""
 
 from __future__ import annotations
 
@@ -20,22 +20,24 @@ pytestmark = pytest.mark.processes
 SECOND_SHAPE = "[shapes.apart]\nrobot1 = [-1.5, -2.0]\nrobot2 = [-1.0, 0.5]\n"
 ROUTE = "[[route]]\nspeed = 0.05\nheading_deg = 10\n"
 REFUSED = "run "
-"""Of those who are stopped."""
+"""Refused by robots that are stopped."""
 WORDS = (
     "stop", REFUSED, "release", "hold", "run",
     "shape apart", "rotate -30", "scale 1.5", "speed 0.05 90", "route way.toml",
 )  # fmt: skip
 SLACK = 2.0
-"""A status that is said at once is recorded so soon, also on a machine with much to do [s]."""
+"""Longest time until a status is recorded, also on a busy machine [s]."""
 
 
-def answered(order: dict[str, Any]) -> float:
-    """When the leader's answer to an order came, which may have taken a while to be linked [s]."""
+def answer_time(order: dict[str, Any]) -> float:
+    """Return when the leader's answer to an order came [s]; to link may have taken some time."""
     (one,) = [one for one in (*order["acknowledged"], *order["refused"]) if one["robot"] == LEADER]
     return float(order["at"] + 1e-3 * one["ms"])
 
 
-def test_each_of_the_nine_orders_is_in_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_nine_orders_are_recorded_with_their_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "way.toml").write_text(ROUTE)
     record = tmp_path / "run.mcap"
@@ -63,6 +65,6 @@ def test_each_of_the_nine_orders_is_in_the_recording(tmp_path: Path, monkeypatch
         reported = {key: value for key, value in one.items() if key not in {"age", "ok", "reason"}}
         assert order == {**order, **reported}
         assert one["ok"] == (not order["refused"])
-        assert order["at"] <= when <= answered(order) + SLACK
+        assert order["at"] <= when <= answer_time(order) + SLACK
     requested = [event.text for event in events if event.kind == "requested"]
     assert len(requested) == len(orders)

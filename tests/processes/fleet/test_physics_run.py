@@ -1,4 +1,4 @@
-"""`formation run --world mujoco` for real: the same processes, but for the one in which the robots are."""
+"""`formation run --world mujoco` with real processes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.launched import formed, started
 pytestmark = [pytest.mark.processes, pytest.mark.physics]
 
 
-def test_the_papers_turtlebots_converge_when_they_have_mass(tmp_path: Path) -> None:
+def test_turtlebot3_pair_converges_in_mujoco(tmp_path: Path) -> None:
     flags = ("--world", "mujoco", "--duration", "90", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         result = formed(process, 0.05, within=15.0)

@@ -1,4 +1,4 @@
-"""Scans of a real run among posts: recorded as ROS 2 has them, and enough to compute every command again."""
+"""Range scans of a real run among posts are recorded as ROS 2 messages and reproduce every command."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from mcap.reader import make_reader
 
 from formation.mission.file import load
 from formation.topics import SCAN
-from tests.processes.deploy.test_verify import whole
+from tests.processes.deploy.test_verify import assert_commands_reproduced
 from tests.processes.monitor.test_recording_elsewhere import check
 from tests.support.launched import result_of, started
 
 pytestmark = pytest.mark.processes
 
 
-def test_scans_are_recorded_and_reproduce_every_command(tmp_path: Path) -> None:
+def test_range_scans_are_recorded_and_reproduce_every_command(tmp_path: Path) -> None:
     with started("posts", "--duration", "25", "--record", "run.mcap", folder=tmp_path) as process:
         assert result_of(process)["lost"] == 0
     recording = tmp_path / "run.mcap"
@@ -30,4 +30,4 @@ def test_scans_are_recorded_and_reproduce_every_command(tmp_path: Path) -> None:
         assert counts[topic] > 50
         assert schemas[topic].name == "sensor_msgs/msg/LaserScan"
         assert b"float32[] ranges" in schemas[topic].data
-    whole(recording)
+    assert_commands_reproduced(recording)

@@ -1,4 +1,4 @@
-"""Twenty robots and a leader as processes on this machine, and an operator at his command line."""
+"""Twenty robots and a leader as processes on this machine, and orders by the command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.child import PATIENCE, Child, free_endpoint, started
 
 LEADER = "leader"
 STARTING = 120.0
-"""How long the start of several processes may take on a machine with much to do [s]."""
+"""Longest time in which several processes start on a busy machine [s]."""
 AT_ONCE = 4
 """Processes that are started together."""
 HEAD = """\
@@ -36,11 +36,11 @@ heading_deg = 0
 
 
 class Given(NamedTuple):
-    """What came of an order."""
+    """Result of an order."""
 
     code: int
     report: dict[str, Any]
-    """What `--json` says."""
+    """Output of `--json`."""
     words: str
 
 
@@ -51,7 +51,7 @@ class Team:
         self.file, self.mission, self.children = file, mission, children
 
     def order(self, *words: str, seconds: float = PATIENCE) -> Given:
-        """`formation order` as it is typed; it waits so long for answers [s]."""
+        """Run `formation order`, which waits `seconds` for answers."""
         command = [sys.executable, "-m", "formation.deploy", "order", str(self.file), *words, "--json"]
         done = subprocess.run(
             [*command, "--timeout", f"{seconds:g}"], capture_output=True, text=True, check=False
@@ -61,7 +61,7 @@ class Team:
 
 
 def mission_text(robots: int = 20, more: str = "") -> str:
-    """A mission of so many robots in rows of five, each behind the one before and the one beside it."""
+    """Return a mission of `robots` in rows of five; each follows the one ahead and the one beside it."""
     names = [f"robot{number}" for number in range(1, robots + 1)]
     ends = iter(free_endpoint, None)
     tables, slots = [f'[robots.{LEADER}]\nendpoint = "{next(ends)}"\nstart = {{ x = 0, y = 0 }}'], []
@@ -80,7 +80,7 @@ def mission_text(robots: int = 20, more: str = "") -> str:
 
 @contextmanager
 def twenty(folder: Path, robots: int = 20, more: str = "") -> Iterator[Team]:
-    """All of them, ready; `more` goes into the mission's file."""
+    """Start all processes; yield them when ready. `more` is appended to the mission file."""
     file = folder / "twenty.toml"
     file.write_text(mission_text(robots, more))
     mission = load(file)
@@ -91,7 +91,7 @@ def twenty(folder: Path, robots: int = 20, more: str = "") -> Iterator[Team]:
     commands |= {name: ("formation.agent", str(file), "--robot", name) for name in mission.followers}
     with ExitStack() as stack:
         children: dict[str, Child] = {}
-        for names in batched(list(commands)):  # all at once would take each as long as all together
+        for names in batched(list(commands)):  # if all started together, each would take as long as all
             for name in names:
                 children[name] = stack.enter_context(started(*commands[name], *under))
             for name in names:
@@ -100,5 +100,5 @@ def twenty(folder: Path, robots: int = 20, more: str = "") -> Iterator[Team]:
 
 
 def batched(names: Sequence[str]) -> Iterator[Sequence[str]]:
-    """The names, a few at a time."""
+    """Yield the names, `AT_ONCE` at a time."""
     return (names[start : start + AT_ONCE] for start in range(0, len(names), AT_ONCE))

@@ -17,7 +17,7 @@ MESSAGES = 200
 
 
 def burst(endpoint: str) -> None:
-    """Dial, send many messages as soon as somebody listens, and close at once."""
+    """Dial, send `MESSAGES` messages as soon as there is a listener, and close at once."""
     with Bus(BusConfig(connect=(endpoint,))) as bus:
         bus.advertise(ODOM, ODOMETRY)
         while not bus.watched(ODOMETRY):
@@ -36,7 +36,7 @@ def listener(endpoint: str, *overrides: tuple[str, str]) -> None:
 
 
 def patient(endpoint: str) -> None:
-    """The same, with a lease of a minute: its links survive that much silence."""
+    """Do as `listener`, with a lease of a minute: links survive a silence of that length."""
     listener(endpoint, ("transport/link/tx/lease", "60000"))
 
 
@@ -52,7 +52,7 @@ def failing(endpoint: str) -> None:
 
 
 def neighbourly(endpoint: str) -> None:
-    """An agent's share of links and subscriptions; says how many threads that takes."""
+    """Open an agent's share of links and subscriptions; print how many threads that takes."""
     process = psutil.Process(os.getpid())
     before = process.num_threads()  # numpy has some of its own
     with Bus(BusConfig(connect=(endpoint,), listen=("tcp/127.0.0.1:0",))) as bus:

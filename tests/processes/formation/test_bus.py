@@ -32,7 +32,7 @@ def pair(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
 
 
 @pytest.mark.smoke
-def test_a_sample_arrives_with_its_key_payload_attachment_and_time(pair: tuple[Bus, Bus]) -> None:
+def test_sample_arrives_with_key_payload_attachment_and_time(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
     before = time.monotonic()
     there.publish(ODOMETRY, b"payload", b"attachment")
@@ -44,7 +44,7 @@ def test_a_sample_arrives_with_its_key_payload_attachment_and_time(pair: tuple[B
     assert there.published == here.received == {ODOMETRY: 2}
 
 
-def test_samples_arrive_in_the_order_they_were_sent(pair: tuple[Bus, Bus]) -> None:
+def test_samples_arrive_in_order_of_sending(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
     sent = [number.to_bytes(4, "little") for number in range(500)]
     for payload in sent:
@@ -61,7 +61,7 @@ def test_wildcard_subscription_gives_the_sample_key(pair: tuple[Bus, Bus]) -> No
     assert collect(here, 1)[0].key == PLACE
 
 
-def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bus, Bus]) -> None:
+def test_undrained_mailbox_does_not_stall_its_link(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
     there.answer(REQUESTED, lambda request, _: b"answered " + request)
     slowest = 0.0
@@ -102,7 +102,7 @@ def test_each_process_answers_on_its_main_thread(endpoint: str) -> None:
     assert {thread.name for thread in threads} == {"another process"}
 
 
-def test_a_flood_of_queries_is_turned_away(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_excess_queries_are_refused_at_once(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:
     here, there = pair
     monkeypatch.setattr(mailbox, "MAX_QUERIES", 1)
     here.answer(REQUESTED, lambda request, _: request)
@@ -144,7 +144,7 @@ def test_watched_follows_the_listeners(endpoint: str) -> None:
         until(lambda: not bus.watched(ODOMETRY))
 
 
-def test_a_closed_bus_says_so(endpoint: str) -> None:
+def test_closed_bus_raises_bus_error(endpoint: str) -> None:
     with Bus(BusConfig(listen=(endpoint,))) as bus:
         bus.advertise(ODOM, ODOMETRY)
     bus.close()
@@ -160,7 +160,7 @@ def test_a_closed_bus_says_so(endpoint: str) -> None:
             use()
 
 
-def test_a_key_is_advertised_once_and_before_it_is_used() -> None:
+def test_unadvertised_repeated_and_invalid_keys_raise_bus_error() -> None:
     with Bus(BusConfig()) as bus:
         with pytest.raises(BusError, match=f"'{ODOMETRY}' is not advertised: none"):
             bus.publish(ODOMETRY, b"")

@@ -51,7 +51,7 @@ def test_each_dial_makes_one_link_and_no_peer_relays(endpoint: str) -> None:
         assert seen[1].subscriptions == {ODOMETRY}
 
 
-def test_what_was_published_just_before_closing_arrives(endpoint: str) -> None:
+def test_messages_published_just_before_closing_arrive(endpoint: str) -> None:
     with Bus(BusConfig(listen=(endpoint,))) as bus:
         bus.subscribe(ODOMETRY)
         with started(PEER, "burst", endpoint) as child:
@@ -115,7 +115,7 @@ def test_hanging_peer_blocks_neither_sending_nor_closing(
     assert slowest < 0.5
 
 
-def test_two_teams_on_one_network_hear_nothing_of_each_other(endpoint: str) -> None:
+def test_teams_of_different_namespaces_receive_nothing_of_each_other(endpoint: str) -> None:
     with (
         Bus(BusConfig(listen=(endpoint,), namespace="red", name="here")) as here,
         Bus(BusConfig(connect=(endpoint,), namespace="red")) as mate,
@@ -156,7 +156,7 @@ def test_burst_of_zenoh_queries_stops_no_process(endpoint: str) -> None:
         assert {len(question.replies) for question in questions} == {2}
 
 
-def test_a_session_takes_three_threads_at_most(endpoint: str) -> None:
+def test_session_starts_at_most_three_threads(endpoint: str) -> None:
     with Bus(BusConfig(listen=(endpoint,))) as bus, started(PEER, "neighbourly", endpoint) as child:
         bus.advertise(ODOM, ODOMETRY)
         until(lambda: bus.watched(ODOMETRY))
@@ -165,6 +165,6 @@ def test_a_session_takes_three_threads_at_most(endpoint: str) -> None:
     assert os.environ["ZENOH_RUNTIME"] == THREADS
 
 
-def test_a_port_that_is_taken_is_named(endpoint: str) -> None:
+def test_endpoint_in_use_is_named_in_error(endpoint: str) -> None:
     with Bus(BusConfig(listen=(endpoint,))), pytest.raises(BusError, match=f"{endpoint}.*in use"):
         Bus(BusConfig(listen=(endpoint,)))

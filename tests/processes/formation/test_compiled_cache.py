@@ -1,4 +1,4 @@
-"""Machine code is kept for the next process, in a folder of the user's alone; damage does no harm."""
+"""Machine code is cached for the next process, in a private folder; damaged files are replaced."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ COMPILED, FOUND = "1.0 0", "1.0 1"
 
 
 def compiling(**environment: str | Path) -> str:
-    """What a process of its own says: a number that was computed, how much machine code it found."""
+    """Compile in a new process; return what it prints: a computed number and its cache hits."""
     given = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     given.update({name: str(value) for name, value in environment.items()})
     command = (sys.executable, "-c", COMPILE)
     return subprocess.run(command, env=given, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
 
 
-def folder_in(caches: Path) -> Path:
+def cache_folder(caches: Path) -> Path:
     (folder,) = (caches / "formation").iterdir()
     return folder
 
 
 @pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
-def test_the_next_process_finds_what_was_compiled(name: str, tmp_path: Path) -> None:
+def test_next_process_uses_cached_machine_code(name: str, tmp_path: Path) -> None:
     assert compiling(**{name: tmp_path}) == COMPILED
     assert compiling(**{name: tmp_path}) == FOUND
 
 
-def test_where_nothing_can_be_written_all_is_compiled(tmp_path: Path) -> None:
+def test_function_is_compiled_without_writable_cache_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert compiling(XDG_CACHE_HOME=tmp_path / "file" / "below") == COMPILED
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
-def test_a_damaged_file_is_compiled_anew(ending: str, tmp_path: Path) -> None:
+def test_damaged_cache_file_is_replaced(ending: str, tmp_path: Path) -> None:
     compiling(XDG_CACHE_HOME=tmp_path)
     for file in tmp_path.rglob(f"*.{ending}"):
         file.write_bytes(file.read_bytes()[:-10])
@@ -51,14 +51,14 @@ def test_a_damaged_file_is_compiled_anew(ending: str, tmp_path: Path) -> None:
     assert compiling(XDG_CACHE_HOME=tmp_path) == FOUND
 
 
-def test_a_folder_that_others_may_write_to_is_not_read(tmp_path: Path) -> None:
+def test_cache_folder_writable_by_others_is_not_read(tmp_path: Path) -> None:
     compiling(XDG_CACHE_HOME=tmp_path)
-    folder_in(tmp_path).chmod(0o777)
+    cache_folder(tmp_path).chmod(0o777)
     assert compiling(XDG_CACHE_HOME=tmp_path) == COMPILED
 
 
 @pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
-def test_only_old_machine_code_of_ours_is_forgotten(name: str, tmp_path: Path) -> None:
+def test_only_old_cache_folders_of_formation_are_deleted(name: str, tmp_path: Path) -> None:
     old = tmp_path / "formation" / "0123456789abcdef"
     others = [tmp_path / "somebody's", tmp_path / "formation" / "notes", tmp_path / "0123456789abcdef"]
     for folder in (old, *others):

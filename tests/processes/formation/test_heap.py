@@ -28,7 +28,7 @@ libc.fclose(file)
 
 
 def heaps(*, shared: bool) -> int:
-    """How many heaps a process has whose threads allocate."""
+    """Return the number of heaps of a process with threads that allocate."""
     done = subprocess.run(
         (sys.executable, "-c", COUNTED.format(shared=shared)), capture_output=True, text=True, check=True
     )

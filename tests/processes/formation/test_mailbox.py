@@ -1,4 +1,4 @@
-"""One mailbox for all of a process's buses: bounded, counted, and rung from anywhere."""
+"""The mailbox of all buses of a process: bounded, counted, and woken from any thread."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PATIENCE = 30.0
 
 
 class Query:
-    """A query that remembers what became of it."""
+    """A fake query that records its answers and drops."""
 
     def __init__(self, request: bytes) -> None:
         self.request, self.answers, self.dropped = request, list[bytes](), 0
@@ -35,7 +35,7 @@ def sample(key: str, number: int) -> Sample:
     return Sample(key, bytes([number]), None, float(number))
 
 
-def test_samples_of_several_buses_come_out_in_the_order_they_arrived() -> None:
+def test_drain_returns_samples_of_all_buses_in_arrival_order() -> None:
     box = Mailbox()
     fleet, robot = Counter[str](), Counter[str]()
     for number, (key, counts) in enumerate([("a", fleet), ("b", robot), ("a", fleet)]):
@@ -46,7 +46,7 @@ def test_samples_of_several_buses_come_out_in_the_order_they_arrived() -> None:
     assert (fleet, robot) == ({"a": 2}, {"b": 1})
 
 
-def test_the_oldest_makes_room_and_is_counted() -> None:
+def test_full_mailbox_drops_and_counts_oldest_samples() -> None:
     box = Mailbox(capacity=3)
     for number in range(5):
         box.put(sample("a", number))
@@ -54,7 +54,7 @@ def test_the_oldest_makes_room_and_is_counted() -> None:
     assert (box.overflowed, box.received["a"]) == (2, 5)
 
 
-def test_many_threads_put_and_none_is_lost_or_counted_twice() -> None:
+def test_puts_of_many_threads_are_counted_exactly() -> None:
     box = Mailbox(capacity=100)
     own = Counter[str]()
 
@@ -92,7 +92,7 @@ def test_wait_wakes_for_sample_query_and_wake() -> None:
     assert time.monotonic() - start < 5.0
 
 
-def test_what_does_not_wake_waits_for_something_that_does() -> None:
+def test_sample_that_does_not_wake_waits_for_one_that_does() -> None:
     box = Mailbox()
     box.put(sample("a", 1), wakes=False)
     start = time.monotonic()
@@ -105,7 +105,7 @@ def test_what_does_not_wake_waits_for_something_that_does() -> None:
     assert not box.wait(0.0)
 
 
-def test_ringing_alone_does_not_end_the_wait() -> None:
+def test_ring_without_sample_does_not_end_wait() -> None:
     box = Mailbox()
     box.ring()
     box.ring()
@@ -114,7 +114,7 @@ def test_ringing_alone_does_not_end_the_wait() -> None:
     assert time.monotonic() - start >= 0.05
 
 
-def test_a_thread_that_puts_ends_the_wait() -> None:
+def test_put_by_another_thread_ends_wait() -> None:
     box = Mailbox()
     timer = threading.Timer(0.05, box.put, [sample("a", 1)])
     timer.start()
@@ -124,7 +124,7 @@ def test_a_thread_that_puts_ends_the_wait() -> None:
     timer.join()
 
 
-def test_a_storm_of_signals_that_ring_while_others_put_jams_nothing() -> None:
+def test_wake_in_signal_handler_during_puts_loses_no_sample() -> None:
     box = Mailbox()
     rings, put = 0, 0
 
@@ -158,7 +158,7 @@ def test_a_storm_of_signals_that_ring_while_others_put_jams_nothing() -> None:
     assert rings > 100
 
 
-def test_queries_are_answered_in_turn_and_too_many_are_turned_away() -> None:
+def test_queries_are_answered_in_order_and_excess_ones_dropped() -> None:
     box = Mailbox()
     requested = [Query(bytes([number])) for number in range(MAX_QUERIES + 2)]
     for query in requested:
@@ -169,7 +169,7 @@ def test_queries_are_answered_in_turn_and_too_many_are_turned_away() -> None:
     assert box.serve() == 0
 
 
-def test_query_is_answered_with_its_arrival_time() -> None:
+def test_handler_receives_arrival_time_of_query() -> None:
     box, times = Mailbox(), list[float]()
 
     def answer(request: bytes, received: float) -> bytes:
@@ -184,7 +184,7 @@ def test_query_is_answered_with_its_arrival_time() -> None:
     assert before <= times[0] <= after
 
 
-def test_unanswerable_queries_are_refused() -> None:
+def test_turn_away_drops_waiting_queries() -> None:
     box = Mailbox()
     query = Query(b"?")
     box.accept(query, echo)

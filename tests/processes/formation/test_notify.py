@@ -1,4 +1,4 @@
-"""What systemd hears, through a real datagram socket."""
+"""Notifications to systemd through a real datagram socket."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import pytest
 from formation.transport.runtime.process import MIN_REPORT_PERIOD, Notifier
 
 
-@pytest.fixture(params=["a file", "an abstract name"])
+@pytest.fixture(params=["file", "abstract name"])
 def systemd(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[socket.socket, str]]:
-    """A socket that listens as systemd's does, and what NOTIFY_SOCKET says."""
-    name = str(tmp_path / "notify") if request.param == "a file" else f"@formation/{secrets.token_hex(8)}"
+    """Open a socket that listens as systemd's does; yield it and the value of NOTIFY_SOCKET."""
+    name = str(tmp_path / "notify") if request.param == "file" else f"@formation/{secrets.token_hex(8)}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as one:
         one.bind(name.replace("@", "\0"))
         one.setblocking(False)
@@ -54,13 +54,13 @@ def test_notifier_sends_ready_periodic_watchdog_and_stopping(
     assert received(one) == ["STOPPING=1\nSTATUS=stopping: SIGTERM"]
 
 
-def test_a_reason_of_several_lines_is_one_assignment(systemd: tuple[socket.socket, str]) -> None:
+def test_multiline_reason_is_sent_as_one_line(systemd: tuple[socket.socket, str]) -> None:
     one, name = systemd
     Notifier({"NOTIFY_SOCKET": name}).stopping("failed\nREADY=1")
     assert received(one) == ["STOPPING=1\nSTATUS=stopping: failed READY=1"]
 
 
-def test_without_the_variable_nothing_is_opened_or_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notifier_without_notify_socket_opens_no_socket(monkeypatch: pytest.MonkeyPatch) -> None:
     def opened(*_: object) -> None:
         raise AssertionError("a socket was opened")
 

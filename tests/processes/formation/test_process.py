@@ -31,7 +31,7 @@ IMPLIED = Links(("tcp/127.0.0.1:7460",), ("tcp/127.0.0.1:7461",))
 
 
 class Counting:
-    """A core that counts its steps, one every 10 ms, and then does as it is told."""
+    """A core that steps every 10 ms and calls `then` after `steps` of them."""
 
     publications = ((STATUS, "robot2/status"),)
     subscriptions = ("robot1/position",)
@@ -136,12 +136,12 @@ def test_ending_signals_are_handled_and_restored(number: signal.Signals) -> None
     before = signal.getsignal(number)
     with Stop() as stop:
         signal.raise_signal(number)
-        signal.raise_signal(number)  # at once: the terminal and the supervisor say the same
+        signal.raise_signal(number)  # twice: the terminal and the supervisor both send it
         assert stop.reason == number.name
     assert signal.getsignal(number) is before
 
 
-def test_a_process_started_by_nohup_outlives_its_terminal() -> None:
+def test_process_started_by_nohup_ignores_sighup() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with Stop() as stop:
@@ -151,7 +151,7 @@ def test_a_process_started_by_nohup_outlives_its_terminal() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_a_signal_after_the_grace_ends_even_a_process_that_hangs() -> None:
+def test_second_signal_after_grace_time_ends_hanging_process() -> None:
     hangs = (
         "import signal, time; from formation.transport.runtime import process\n"
         "process.GRACE_TIME = 0.0\n"
@@ -171,7 +171,7 @@ def test_process_with_a_new_parent_stops() -> None:
 
 
 @pytest.mark.parametrize("error", [MissionError, BusError, BadInput])
-def test_bad_input_is_one_line_on_stderr_and_exit_code_2(
+def test_bad_input_prints_one_line_on_stderr_and_exits_2(
     error: type[Exception], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def main(_stop: Stop) -> None:
@@ -182,7 +182,7 @@ def test_bad_input_is_one_line_on_stderr_and_exit_code_2(
     assert (result.out, result.err) == ("", "robot2: the wheel is square; it must be round\n")
 
 
-def test_any_other_failure_is_logged_and_exit_code_1(caplog: pytest.LogCaptureFixture) -> None:
+def test_other_failure_is_logged_and_exits_1(caplog: pytest.LogCaptureFixture) -> None:
     def main(_stop: Stop) -> None:
         raise ZeroDivisionError("somewhere deep")
 
@@ -190,11 +190,11 @@ def test_any_other_failure_is_logged_and_exit_code_1(caplog: pytest.LogCaptureFi
     assert "somewhere deep" in caplog.text
 
 
-def test_a_process_that_ends_well_has_exit_code_0() -> None:
+def test_successful_process_exits_0() -> None:
     assert run_process("robot2", flags(), lambda _stop: None) == 0
 
 
-def test_what_it_says_is_one_json_object_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_say_prints_one_json_object_per_line(capsys: pytest.CaptureFixture[str]) -> None:
     say("ready", process="agent robot2")
     say("summary", published={"a/b": 1})
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
@@ -202,7 +202,7 @@ def test_what_it_says_is_one_json_object_a_line(capsys: pytest.CaptureFixture[st
     assert second == {"event": "summary", "published": {"a/b": 1}}
 
 
-def test_a_reader_that_has_gone_away_does_not_make_it_fail() -> None:
+def test_say_survives_closed_reader_of_stdout() -> None:
     talks = """
 from formation.transport.runtime.process import say
 for i in range(20000):
@@ -218,19 +218,19 @@ for i in range(20000):
     assert (child.returncode, errors) == (0, b"")
 
 
-def test_an_illegal_choice_names_the_legal_ones() -> None:
+def test_invalid_choice_error_names_valid_choices() -> None:
     assert one_of("--robot", "robot2", ("robot2", "robot3")) == "robot2"
     with pytest.raises(BadInput, match=r"--robot 'robot9': must be one of robot2, robot3"):
         one_of("--robot", "robot9", ("robot2", "robot3"))
 
 
-def test_without_flags_the_links_are_those_that_the_mission_implies() -> None:
+def test_bus_config_without_flags_has_links_of_mission() -> None:
     config = bus_config(flags(), load("six_robots"), IMPLIED, "thing")
     assert (config.listen, config.connect, config.implied) == ((), (), IMPLIED)
     assert (config.mode, config.namespace, config.name) == (None, "", "thing")
 
 
-def test_one_link_flag_replaces_all_that_the_mission_implies() -> None:
+def test_link_flags_replace_all_links_of_mission() -> None:
     config = bus_config(
         flags("-e", "tcp/10.0.0.1:7447", "-e", "tls/b:1"), load("six_robots"), IMPLIED, "thing"
     )
@@ -238,7 +238,7 @@ def test_one_link_flag_replaces_all_that_the_mission_implies() -> None:
     assert config.implied is None
 
 
-def test_zenoh_settings_pass_through_and_the_team_is_the_namespace() -> None:
+def test_bus_config_passes_zenoh_settings_and_team_as_namespace() -> None:
     mission = load("six_robots").model_copy(update={"team": "red"})
     args = flags("-m", "client", "--cfg", "transport/link/tx/lease:2000", "--no-multicast-scouting")
     config = bus_config(args, mission, IMPLIED, "thing")
@@ -250,7 +250,7 @@ def test_zenoh_settings_pass_through_and_the_team_is_the_namespace() -> None:
     "wrong",
     [["--await-monitor", "-1"], ["--await-monitor", "nan"], ["--await-monitor", "soon"], ["-m", "boss"]],
 )
-def test_a_flag_that_makes_no_sense_is_refused(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_flag_value_is_refused(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as refused:
         flags(*wrong)
     assert refused.value.code == 2
@@ -272,7 +272,7 @@ def test_invalid_system_clock_still_gives_valid_stamps(
     assert decode(TwistStamped, encode(TwistStamped(now.wall, 0.0, 0.0))).stamp == now.wall
 
 
-def test_a_pause_between_readings_is_no_suspension(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pause_between_clock_readings_does_not_change_offset(monkeypatch: pytest.MonkeyPatch) -> None:
     now, pauses = 0.0, iter([0.5])
 
     def since_boot() -> float:
@@ -285,7 +285,7 @@ def test_a_pause_between_readings_is_no_suspension(monkeypatch: pytest.MonkeyPat
     assert clock._offset() == 100.0
 
 
-def test_both_clocks_are_read_together() -> None:
+def test_clocks_reads_monotonic_and_system_time() -> None:
     before = monotonic(), time.time()
     now = process.clocks()
     assert before[0] <= now.mono <= monotonic()

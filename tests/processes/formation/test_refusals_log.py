@@ -11,7 +11,7 @@ from tests.unit.formation.test_refusals import TLS, decided, intercepted
 
 
 def run(body: str) -> subprocess.CompletedProcess[str]:
-    """A process that listens to a log which `body` writes as Zenoh does: to descriptor 1, past Python."""
+    """Run `body` in a process: it writes a log as Zenoh does, to descriptor 1, bypassing Python."""
     begin = "import os, logging\nfrom formation.transport.security.refusals import Refusals, FILTER\n"
     begin += (
         "from formation.transport.runtime.process import say\nlogging.basicConfig(format='%(message)s')\n"

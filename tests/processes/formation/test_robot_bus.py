@@ -1,4 +1,4 @@
-"""The robot's side over real Zenoh: a router that comes and goes, in either spelling of ROS 2."""
+"""The robot's bus over real Zenoh, for each ROS 2 transport: messages, routes, a restarted router."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from formation.wire import BadMessage
 from tests.processes.agent.robot_sides import (
     COMMAND,
     LIFE,
+    ODOM_KEY,
     ODOMETRY,
     PLACE,
-    RECEIVED,
     TWIST,
-    Ear,
+    Listener,
     agent_on,
     mission_of,
     node,
@@ -40,7 +40,7 @@ ON_THE_WIRE = {
 }
 
 
-def test_commands_go_out_and_odometry_comes_in_under_logical_keys(
+def test_commands_and_odometry_arrive_under_logical_keys(
     endpoint: str, naming: Naming, stack: ExitStack
 ) -> None:
     robot, at_robot = robot_on(endpoint, naming)
@@ -48,14 +48,14 @@ def test_commands_go_out_and_odometry_comes_in_under_logical_keys(
     agent = agent_on(endpoint, naming, at_agent)
     stack.enter_context(robot)
     stack.enter_context(agent)
-    until(lambda: bool(agent.routed(COMMAND) and robot.routed(RECEIVED)))
+    until(lambda: bool(agent.routed(COMMAND) and robot.routed(ODOM_KEY)))
     agent.publish(COMMAND, TWIST)
-    robot.publish(RECEIVED, ODOMETRY)
+    robot.publish(ODOM_KEY, ODOMETRY)
     until(lambda: bool(at_agent.received and at_robot.received))
     assert [sample[:2] for sample in at_robot.drain()] == [(COMMAND, TWIST)]
-    assert [sample[:2] for sample in at_agent.drain()] == [(RECEIVED, ODOMETRY)]
+    assert [sample[:2] for sample in at_agent.drain()] == [(ODOM_KEY, ODOMETRY)]
     assert agent.published == robot.received == at_robot.received == {COMMAND: 1}
-    assert robot.published == agent.received == at_agent.received == {RECEIVED: 1}
+    assert robot.published == agent.received == at_agent.received == {ODOM_KEY: 1}
 
 
 def test_wire_format_matches_ros_and_publishers_count_separately(
@@ -64,8 +64,8 @@ def test_wire_format_matches_ros_and_publishers_count_separately(
     robot, _ = robot_on(endpoint, naming)
     stack.enter_context(robot)
     ros_node = stack.enter_context(node(endpoint, "client"))
-    commands = Ear(ros_node, ON_THE_WIRE[ros])
-    places = Ear(ros_node, naming.wire(PLACE))
+    commands = Listener(ros_node, ON_THE_WIRE[ros])
+    places = Listener(ros_node, naming.wire(PLACE))
     agent = stack.enter_context(agent_on(endpoint, naming))
     agent.advertise(POSITION, PLACE)
     until(lambda: bool(agent.routed(COMMAND) and agent.routed(PLACE)))
@@ -95,7 +95,7 @@ def test_missing_router_blocks_nothing_until_it_appears(
     assert (agent.connected, agent.routed(COMMAND)) == (False, None)
     agent.publish(COMMAND, TWIST)
     assert time.monotonic() - start < 0.2
-    time.sleep(1.2)  # so that it has failed more than once
+    time.sleep(1.2)  # so that dialling has failed more than once
     assert (agent.published, agent.connected) == ({}, False)
     robot, at_robot = robot_on(endpoint, naming)
     stack.enter_context(robot)
@@ -109,7 +109,7 @@ def test_missing_router_blocks_nothing_until_it_appears(
         assert any("/MP/" in token and "_formation_agent/%robot2%cmd_vel/" in token for token in seen)
 
 
-def test_what_is_declared_after_it_was_opened_is_declared_at_once(
+def test_keys_can_be_declared_after_session_is_open(
     endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
 ) -> None:
     robot, _ = robot_on(endpoint, naming)
@@ -118,17 +118,17 @@ def test_what_is_declared_after_it_was_opened_is_declared_at_once(
     agent = stack.enter_context(RobotBus((endpoint,), naming, mailbox))
     until(lambda: agent.connected)
     agent.advertise(CMD_VEL, COMMAND)
-    agent.subscribe(ODOM, RECEIVED)
-    until(lambda: bool(agent.routed(COMMAND) and robot.routed(RECEIVED)))
-    robot.publish(RECEIVED, ODOMETRY)
-    until(lambda: mailbox.received[RECEIVED] == 1)
+    agent.subscribe(ODOM, ODOM_KEY)
+    until(lambda: bool(agent.routed(COMMAND) and robot.routed(ODOM_KEY)))
+    robot.publish(ODOM_KEY, ODOMETRY)
+    until(lambda: mailbox.received[ODOM_KEY] == 1)
     if ros == "rmw_zenoh":
         ours = [token for token in tokens(stack.enter_context(node(endpoint, "client"))) if "agent" in token]
         assert sorted(token.split("/")[5] for token in ours) == ["MP", "MS", "NN"]
         assert len({token.split("/")[4] for token in ours}) == 3
 
 
-def test_a_router_that_restarts_finds_everything_as_before(
+def test_agent_declares_everything_again_after_router_restart(
     endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
 ) -> None:
     mailbox = Mailbox()
@@ -139,14 +139,14 @@ def test_a_router_that_restarts_finds_everything_as_before(
     robot.close()
     assert until(lambda: not agent.connected) < 1.0
     assert agent.routed(COMMAND) is None
-    agent.publish(COMMAND, TWIST)  # into nothing
+    agent.publish(COMMAND, TWIST)  # there is no router
     time.sleep(2.5)  # longer than any pause between two attempts
     robot, at_robot = robot_on(endpoint, naming)
     stack.enter_context(robot)
-    assert until(lambda: bool(agent.routed(COMMAND) and robot.routed(RECEIVED))) < 3.0
+    assert until(lambda: bool(agent.routed(COMMAND) and robot.routed(ODOM_KEY))) < 3.0
     agent.publish(COMMAND, TWIST)
-    robot.publish(RECEIVED, ODOMETRY)
-    until(lambda: at_robot.received[COMMAND] == 1 and mailbox.received[RECEIVED] == 1)
+    robot.publish(ODOM_KEY, ODOMETRY)
+    until(lambda: at_robot.received[COMMAND] == 1 and mailbox.received[ODOM_KEY] == 1)
     with node(endpoint, "client") as ros_node:
         agents = {token for token in before if "formation_agent" in token}
         until(lambda: agents <= tokens(ros_node))
@@ -159,15 +159,15 @@ def test_route_status_follows_its_listeners(endpoint: str, ros: Ros, naming: Nam
         until(lambda: agent.connected)
         assert agent.routed(COMMAND) is False
         with node(endpoint, "client") as robot:
-            ear = Ear(robot, ON_THE_WIRE[ros])
+            listener = Listener(robot, ON_THE_WIRE[ros])
             until(lambda: bool(agent.routed(COMMAND)))
             agent.publish(COMMAND, TWIST)
-            until(lambda: ear.payloads == [TWIST])
+            until(lambda: listener.payloads == [TWIST])
         until(lambda: agent.routed(COMMAND) is False)
         assert agent.connected
 
 
-def test_watchdog_hears_agent_without_hiding_absent_robot(
+def test_watchdog_receives_alive_but_counts_as_no_command_listener(
     endpoint: str, naming: Naming, stack: ExitStack
 ) -> None:
     stack.enter_context(RobotBus((endpoint,), naming, Mailbox(), mode="router"))
@@ -181,13 +181,13 @@ def test_watchdog_hears_agent_without_hiding_absent_robot(
     assert agent.routed(COMMAND) is False
     assert watchdog.routed(COMMAND) is False
     with node(endpoint, "client") as robot:
-        ear = Ear(robot, naming.wire(COMMAND))
+        listener = Listener(robot, naming.wire(COMMAND))
         until(lambda: bool(agent.routed(COMMAND) and watchdog.routed(COMMAND)))
         agent.publish(COMMAND, TWIST)
         agent.publish(LIFE, b"\x00\x01\x00\x00" + bytes(8))
         watchdog.publish(COMMAND, TWIST)
-        until(lambda: len(ear.samples) == 2 and at_watchdog.received[LIFE] == 1)
-        gids = {(attachment or b"")[17:] for _, attachment in ear.samples}
+        until(lambda: len(listener.samples) == 2 and at_watchdog.received[LIFE] == 1)
+        gids = {(attachment or b"")[17:] for _, attachment in listener.samples}
     assert len(gids) == (1 if gids == {b""} else 2)
     assert set(at_watchdog.received) == {LIFE}
 
@@ -199,29 +199,29 @@ def test_ordinary_peer_node_communicates_through_the_router(
     mailbox = Mailbox()
     agent = stack.enter_context(agent_on(endpoint, naming, mailbox))
     ros_node, other = stack.enter_context(node(endpoint)), stack.enter_context(node(endpoint))
-    ear, second = Ear(ros_node, ON_THE_WIRE[ros]), Ear(other, ON_THE_WIRE[ros])
-    publisher = ros_node.declare_publisher(naming.wire(RECEIVED))
+    listener, second = Listener(ros_node, ON_THE_WIRE[ros]), Listener(other, ON_THE_WIRE[ros])
+    publisher = ros_node.declare_publisher(naming.wire(ODOM_KEY))
     until(lambda: bool(agent.routed(COMMAND)) and bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
-    # A route to one of two subscribers is a route, and routes change while peers find each other:
-    # repeat other messages until all are reached.
+    # One of two subscribers is enough for a route, and routes change while peers link: repeat other
+    # messages until all have received one.
     sent = 0
-    while not (ear.samples and second.samples and mailbox.received):
+    while not (listener.samples and second.samples and mailbox.received):
         agent.publish(COMMAND, AT_REST)
         publisher.put(ELSEWHERE)
         sent += 1
         time.sleep(0.01)
     agent.publish(COMMAND, TWIST)
     publisher.put(ODOMETRY)
-    until(lambda: TWIST in ear.payloads and TWIST in second.payloads)
+    until(lambda: TWIST in listener.payloads and TWIST in second.payloads)
     until(lambda: any(payload == ODOMETRY for _, payload, *_ in mailbox.drain()))
     time.sleep(0.1)
-    for heard in (ear, second):
-        assert heard.payloads.count(TWIST) == 1  # once, however many ways there are
-    assert set(mailbox.received) == {RECEIVED}
-    assert mailbox.received[RECEIVED] <= sent + 1
+    for one in (listener, second):
+        assert one.payloads.count(TWIST) == 1  # once, though there are several paths
+    assert set(mailbox.received) == {ODOM_KEY}
+    assert mailbox.received[ODOM_KEY] <= sent + 1
 
 
-def test_several_robots_behind_one_router_are_kept_apart_whatever_each_speaks(endpoint: str) -> None:
+def test_robots_behind_one_router_with_different_transports_stay_separate(endpoint: str) -> None:
     mission = mission_of("ros2dds", "rmw_zenoh")
     both = Naming.of(mission.robots, ["robot2", "robot3"])
     at_robots, at_two, at_three = Mailbox(), Mailbox(), Mailbox()
@@ -248,7 +248,7 @@ def test_several_robots_behind_one_router_are_kept_apart_whatever_each_speaks(en
 
 @pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"{}", b'{"speed": 1}', bytes(3)])
 @pytest.mark.parametrize("open_already", [True, False])
-def test_what_would_wedge_a_bridge_is_never_sent(
+def test_payload_without_cdr_header_is_refused(
     endpoint: str, naming: Naming, payload: bytes, open_already: bool, stack: ExitStack
 ) -> None:
     at_robot = Mailbox()

@@ -1,4 +1,4 @@
-"""What a robot's side does when its session opens and something then goes wrong."""
+"""A robot's bus with a session that opens, but then fails to declare its keys."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAIR = load("turtlebot3_pair")
 
 
 class Session:
-    """A session that opens; the first two then fail to declare anything."""
+    """A fake session; the first two that are opened fail to advertise."""
 
     failure: ClassVar[Exception]
     ready: ClassVar[threading.Event]
@@ -44,7 +44,7 @@ class Session:
         self.closed = True
 
 
-@pytest.mark.parametrize("failure", [BusError("cannot declare"), RuntimeError("what nobody expected")])
+@pytest.mark.parametrize("failure", [BusError("cannot declare"), RuntimeError("unexpected")])
 def test_session_that_fails_to_declare_is_reopened(
     monkeypatch: pytest.MonkeyPatch, failure: Exception
 ) -> None:

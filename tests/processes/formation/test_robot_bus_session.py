@@ -1,4 +1,4 @@
-"""A session on the robot's side: how many links it has, how it ends, and what it refuses."""
+"""A session of the robot's bus: its links, how it closes, and what it refuses."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from formation.topics import ODOM, ORDER, STATUS
 from formation.transport.bus import BusError
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
-from tests.processes.agent.robot_sides import COMMAND, RECEIVED, TWIST, agent_on, robot_on
+from tests.processes.agent.robot_sides import COMMAND, ODOM_KEY, TWIST, agent_on, robot_on
 from tests.support.child import until
 from tests.support.zenoh_admin import clients, inspect
 
 pytestmark = pytest.mark.processes
 
 
-def test_closing_sends_what_was_said_last_and_is_over_for_good(endpoint: str, naming: Naming) -> None:
+def test_close_sends_last_message_and_ends_session(endpoint: str, naming: Naming) -> None:
     robot, at_robot = robot_on(endpoint, naming)
     with robot:
         agent = agent_on(endpoint, naming)
@@ -31,7 +31,7 @@ def test_closing_sends_what_was_said_last_and_is_over_for_good(endpoint: str, na
         agent.close()
         until(lambda: at_robot.received[COMMAND] == 1)
         assert (agent.connected, agent.routed(COMMAND)) == (False, None)
-        until(lambda: robot.routed(RECEIVED) is False)
+        until(lambda: robot.routed(ODOM_KEY) is False)
 
 
 def test_closing_without_peers_is_quick(endpoint: str, naming: Naming) -> None:
@@ -42,7 +42,7 @@ def test_closing_without_peers_is_quick(endpoint: str, naming: Naming) -> None:
     robot, _ = robot_on(endpoint, naming)
     with robot:
         time.sleep(0.8)
-        assert robot.routed(RECEIVED) is False  # it does not come back
+        assert robot.routed(ODOM_KEY) is False  # the closed bus does not link again
 
 
 def test_client_has_one_link_and_no_multicast(endpoint: str, naming: Naming, stack: ExitStack) -> None:
@@ -56,7 +56,7 @@ def test_client_has_one_link_and_no_multicast(endpoint: str, naming: Naming, sta
     assert router.subscriptions == {naming.wire(COMMAND)}
     assert (client.name, client.kinds) == ("formation_agent", frozenset({"router"}))
     assert client.links == {router.zid: 1}
-    assert client.subscriptions == {naming.wire(RECEIVED)}
+    assert client.subscriptions == {naming.wire(ODOM_KEY)}
     assert client.publications == {naming.wire(COMMAND)}
     assert client.locators == ()
     connections = psutil.Process(os.getpid()).net_connections("inet")
@@ -74,11 +74,11 @@ def test_router_reports_an_occupied_endpoint(endpoint: str, naming: Naming) -> N
 def test_unknown_or_foreign_keys_are_refused(endpoint: str, naming: Naming) -> None:
     with RobotBus((endpoint,), naming, Mailbox()) as bus:
         bus.advertise(STATUS, "robot2/status")
-        bus.subscribe(ODOM, RECEIVED)
+        bus.subscribe(ODOM, ODOM_KEY)
         with pytest.raises(BusError, match="'robot2/status' is advertised already"):
             bus.advertise(STATUS, "robot2/status")
         with pytest.raises(BusError, match="'robot2/odom' is subscribed to already"):
-            bus.subscribe(ODOM, RECEIVED)
+            bus.subscribe(ODOM, ODOM_KEY)
         with pytest.raises(BusError, match="'order' is a queryable"):
             bus.advertise(ORDER, "robot2/order")
         with pytest.raises(BusError, match="'robot2/cmd_vel' is not advertised: robot2/status"):

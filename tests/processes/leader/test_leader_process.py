@@ -19,14 +19,14 @@ from tests.support.child import PATIENCE, free_endpoint
 pytestmark = pytest.mark.processes
 
 
-def ordered(sample: Sample) -> Order:
+def order_of(sample: Sample) -> Order:
     reported = order.decode(PositionAttachment, sample.attachment or b"").order
     assert reported is not None
     return reported
 
 
-def one_since(moment: float) -> Callable[[Sequence[Sample]], bool]:
-    """Whether one of some positions was made after a moment of this machine's clock [s]."""
+def any_newer_than(moment: float) -> Callable[[Sequence[Sample]], bool]:
+    """Return whether one of some positions is newer than `moment` [s, system clock]."""
     return lambda samples: any(decode(Pose, sample.payload).stamp > moment for sample in samples)
 
 
@@ -37,17 +37,17 @@ def test_leader_follows_route_in_real_time() -> None:
         samples = received(bus, lambda samples: len(samples) >= 30)
         child.signal(signal.SIGTERM)
     poses = [decode(Pose, sample.payload) for sample in samples]
-    orders = [ordered(sample) for sample in samples]
+    orders = [order_of(sample) for sample in samples]
     way = poses[-1].position - poses[0].position
     assert abs(way) / (poses[-1].stamp - poses[0].stamp) == pytest.approx(0.2, abs=1e-3)
     assert math.degrees(math.atan2(way.imag, way.real)) == pytest.approx(30.0, abs=1e-3)
     beats = [one.beat for one in orders]
-    assert beats == sorted(set(beats))  # one may be lost on the way: positions are sent without repair
+    assert beats == sorted(set(beats))  # one may get lost: positions are not sent again
     assert {(one.mode, one.shape) for one in orders} == {("run", "hexagon")}
 
 
 @pytest.mark.smoke
-def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
+def test_leader_obeys_valid_requests_and_refuses_others() -> None:
     end = free_endpoint()
     with leader(end), listening(end, "robot1/position") as bus:
         received(bus, len)
@@ -63,9 +63,9 @@ def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
         for request in requests:
             (reply,) = bus.ask("robot1/order", request, timeout=PATIENCE)
             answer = order.decode(OperatorReply, reply.payload)
-            # it may have overtaken positions of before, which are less urgent
-            after = received(bus, one_since(time.time()))
-            modes.append((answer.ok, answer.mode, ordered(after[-1]).mode))
+            # the reply may overtake earlier positions, which have a lower priority
+            after = received(bus, any_newer_than(time.time()))
+            modes.append((answer.ok, answer.mode, order_of(after[-1]).mode))
     assert modes == [
         (True, "stop", "stop"),
         (False, "stop", "stop"),
@@ -85,6 +85,6 @@ def test_ended_leader_sends_hold_last() -> None:
         summary = child.event("summary")
         samples = received(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
     last = [sample for sample in samples if sample.key == "robot1/position"][-1]
-    assert ordered(last).mode == "hold"
+    assert order_of(last).mode == "hold"
     assert decode(Diagnostics, samples[-1].payload).statuses[0].values["reason.cause"] == "SIGINT"
-    assert ordered(last).beat == summary["published"]["robot1/position"]
+    assert order_of(last).beat == summary["published"]["robot1/position"]

@@ -20,7 +20,7 @@ from tests.support.child import PATIENCE
 from tests.support.launched import command
 
 PLAIN = ssl.create_default_context()
-"""Nothing here is under TLS, but httpx would read all certificates of the machine for each client."""
+"""Context without certificates: nothing here uses TLS, but httpx would read all of them for each client."""
 
 
 class Received(NamedTuple):
@@ -31,17 +31,17 @@ class Received(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What is left of a run."""
+    """Results of a run."""
 
     path: Path
     hello: dict[str, Any]
     frames: list[dict[str, Any]]
-    """Of its live page."""
+    """Frames of its live page."""
     result: dict[str, Any]
 
 
 def drive(folder: Path, frames_after: int) -> Run:
-    """Six robots until they have settled and so many frames more, which somebody at the page sees."""
+    """Run six robots until `frames_after` frames after they have settled, with the live page open."""
     arguments = ("run", "six_robots", "--duration", "90", "--record", "run.mcap", "--json")
     with command(*arguments, "--page", "127.0.0.1:0", folder=folder) as process:
         assert process.stderr is not None
@@ -66,15 +66,15 @@ def drive(folder: Path, frames_after: int) -> Run:
 
 
 def after(beginning: str, lines: IO[str]) -> str:
-    """What stands behind `beginning` in the next line that begins so."""
+    """Return the rest of the next line that begins with `beginning`."""
     for line in lines:
         if line.startswith(beginning):
             return line.removeprefix(beginning).strip()
-    raise AssertionError(f"it ended without saying {beginning!r}")
+    raise AssertionError(f"the process ended without printing {beginning!r}")
 
 
 def looking(address: str) -> Iterator[Received]:
-    """What a page that is open hears."""
+    """Yield the events that an open page receives."""
     with httpx.stream("GET", f"{address}stream", timeout=PATIENCE, verify=PLAIN) as response:
         kind = ""
         for line in response.iter_lines():
@@ -85,13 +85,13 @@ def looking(address: str) -> Iterator[Received]:
 
 
 class Replayed:
-    """`formation replay`, which is steered by HTTP."""
+    """A process `formation replay`, which is controlled by HTTP."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         assert process.stderr is not None
         self.process = process
         self.address = after("page: ", process.stderr)
-        self.said: list[str] = []
+        self.log: list[str] = []
         self._reader = threading.Thread(target=self._read, args=(process.stderr,), daemon=True)
         self._reader.start()
 
@@ -106,7 +106,7 @@ class Replayed:
         return standing
 
     def picture(self, at: float) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The greeting and the frame of `at` [s], where a replay that is paused is sent."""
+        """Seek to `at` [s] in a paused replay; return the greeting and the frame there."""
         assert self.steered("seek", at)["t"] == pytest.approx(at, abs=0.002)
         hello: dict[str, Any] = {}
         for received in looking(self.address):
@@ -124,17 +124,17 @@ class Replayed:
         return found
 
     def interrupt(self) -> dict[str, Any]:
-        """The same after a Ctrl-C."""
+        """Send SIGINT; return the result."""
         self.process.send_signal(signal.SIGINT)
         return self.result()
 
     def _read(self, stream: IO[str]) -> None:
-        self.said.extend(stream)
+        self.log.extend(stream)
 
 
 @contextmanager
 def replaying(path: Path, *flags: str) -> Iterator[Replayed]:
-    """A replay of `path` on ports of its own."""
+    """Start a replay of `path` with a page on a free port."""
     arguments = ("replay", str(path), "--json", "--page", "127.0.0.1:0", *flags)
     with command(*arguments, folder=path.parent) as process:
         yield Replayed(process)

@@ -33,12 +33,12 @@ def tenths(start: float, end: float) -> list[float]:
     return [tick / 10 for tick in range(round(start * 10), round(end * 10))]
 
 
-def why(recording: Recorder) -> str | None:
+def failure_of(recording: Recorder) -> str | None:
     return recording.failure
 
 
 def levels(recording: Recorder) -> list[int]:
-    """Of all notices but that the disk is slow: what is fed faster than time may be faster than any disk."""
+    """Return the levels of all notices except on a slow disk: samples are fed faster than in real time."""
     return [one.level for one in recording.notices() if not one.text.startswith("the disk is slow")]
 
 
@@ -48,27 +48,27 @@ def test_recording_continues_in_new_part_after_full_disk() -> None:
         filler = folder / "filler"
         with recorder(folder / "run.mcap", room=SMALL) as recording:
             feed(recording, 10.0, 20.0)
-            assert why(recording) is None
+            assert failure_of(recording) is None
             filler.write_bytes(bytes(3_700_000))
             feed(recording, 20.0, 25.0)
-            assert why(recording) == "less than 0.4 MB are left on the disk"
+            assert failure_of(recording) == "less than 0.4 MB are left on the disk"
             feed(recording, 25.0, 31.0)
             assert is_whole(recording.paths[0])
             assert recording.lost > 0
-            filler.write_bytes(bytes(3_000_000))  # between the limits: it does not begin again at once
+            filler.write_bytes(bytes(3_000_000))  # between the limits: recording does not resume
             feed(recording, 31.0, 52.0)
-            assert why(recording) is not None
+            assert failure_of(recording) is not None
             assert len(recording.paths) == 1
             filler.unlink()
             feed(recording, 52.0, 75.0)
-            assert why(recording) is None
+            assert failure_of(recording) is None
             assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
         kept = walls(folder / "run.mcap")
         assert [path.name for path in recording.paths] == ["run.mcap", "run-2.mcap"]
         assert all(map(is_whole, recording.paths))
         assert kept[:95] == tenths(10.0, 19.5)
         assert kept[-110:] == tenths(64.0, 75.0)
-        assert recording.lost == 2 * (650 - len(kept))  # each with what rode on it
+        assert recording.lost == 2 * (650 - len(kept))  # each with its attachment
 
 
 @pytest.mark.mounts
@@ -82,7 +82,7 @@ def test_disk_full_to_last_block_keeps_complete_messages(tmp_path: Path) -> None
                         while file.write(bytes(piece)):
                             pass
             feed(recording, 12.0, 60.0)
-            assert why(recording) == os.strerror(errno.ENOSPC)
+            assert failure_of(recording) == os.strerror(errno.ENOSPC)
         kept = walls(folder / "run.mcap")
         assert kept == tenths(10.0, 60.0)[: len(kept)]
         assert len(kept) == sum(recording.recorded.values()) >= 15
@@ -93,14 +93,14 @@ def test_read_only_disk_ends_only_the_recording(tmp_path: Path) -> None:
     with in_a_file(tmp_path / "disk", 20) as folder:
         with recorder(folder / "run.mcap", room=Room(0, 0)) as recording:
             feed(recording, 10.0, 12.0)
-            run("mount", "-o", "remount,abort", folder)  # as ext4 does on an error of the disk
+            run("mount", "-o", "remount,abort", folder)  # as ext4 does on a disk error
             feed(recording, 12.0, 40.0)
-            assert why(recording) in {os.strerror(errno.EROFS), os.strerror(errno.EIO)}
+            assert failure_of(recording) in {os.strerror(errno.EROFS), os.strerror(errno.EIO)}
         assert set(tenths(10.0, 11.5)) <= set(walls(folder / "run.mcap"))
 
 
 @pytest.mark.mounts
-def test_a_disk_without_room_is_one_clear_error_at_the_start() -> None:
+def test_disk_without_room_at_start_raises_recording_error() -> None:
     with in_memory(300_000) as folder:
         with pytest.raises(
             RecordingError, match=r"cannot be written: less than 0\.4 MB are left on the disk"
@@ -110,7 +110,7 @@ def test_a_disk_without_room_is_one_clear_error_at_the_start() -> None:
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS])
-def test_whatever_the_disk_refuses_it_is_said_once_and_tried_again(
+def test_write_error_is_logged_once_and_recording_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int
 ) -> None:
     def refuse(*_: object) -> None:
@@ -122,9 +122,9 @@ def test_whatever_the_disk_refuses_it_is_said_once_and_tried_again(
         with monkeypatch.context() as broken:
             broken.setattr(Part, "append", refuse)
             feed(recording, 15.0, 50.0)
-        assert why(recording) == os.strerror(number)
+        assert failure_of(recording) == os.strerror(number)
         feed(recording, 50.0, 75.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
     assert caplog.text.count("nothing is recorded any more") == 1
     assert caplog.text.count("goes on in") == len(recording.paths) - 1
     kept = walls(tmp_path / "run.mcap")
@@ -132,7 +132,7 @@ def test_whatever_the_disk_refuses_it_is_said_once_and_tried_again(
     assert kept[-130:] == tenths(62.0, 75.0)
 
 
-def test_where_a_quota_leaves_no_room_it_does_not_begin_again(
+def test_recording_does_not_resume_while_quota_is_exceeded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -143,13 +143,13 @@ def test_where_a_quota_leaves_no_room_it_does_not_begin_again(
         with monkeypatch.context() as broken:
             broken.setattr(Part, "append", refuse)
             feed(recording, 15.0, 20.0)
-        with monkeypatch.context() as broken:  # nothing but to ask for room tells
+        with monkeypatch.context() as broken:  # only posix_fallocate fails
             broken.setattr("formation.monitor.recording.part.os.posix_fallocate", refuse)
             feed(recording, 20.0, 50.0)
-        assert why(recording) == os.strerror(errno.EDQUOT)
+        assert failure_of(recording) == os.strerror(errno.EDQUOT)
         assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
         feed(recording, 50.0, 75.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
 
 
 def test_deleted_part_is_lost_but_recording_continues(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_deleted_part_is_lost_but_recording_continues(tmp_path: Path) -> None:
         feed(recording, 10.0, 15.0)
         shutil.rmtree(folder)
         feed(recording, 15.0, 20.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
         assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
     assert [path.name for path in folder.iterdir()] == ["run-2.mcap"]
     kept = walls(folder / "run-2.mcap")
@@ -166,7 +166,7 @@ def test_deleted_part_is_lost_but_recording_continues(tmp_path: Path) -> None:
     assert sum(recording.recorded.values()) == len(kept)
 
 
-def test_a_part_that_was_moved_is_written_to_its_end(tmp_path: Path) -> None:
+def test_moved_part_is_written_to_its_end(tmp_path: Path) -> None:
     with recorder(tmp_path / "run.mcap") as recording:
         feed(recording, 10.0, 15.0)
         (tmp_path / "run.mcap").rename(tmp_path / "moved.mcap")
@@ -175,15 +175,15 @@ def test_a_part_that_was_moved_is_written_to_its_end(tmp_path: Path) -> None:
 
 
 class Stuck:
-    """A disk that answers when it is let."""
+    """A disk on which the method `what` of a part blocks until `let` is set."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
         self.let = threading.Event()
-        honest = getattr(Part, what)
+        real = getattr(Part, what)
 
         def wait(part: Part, *rest: object) -> None:
             self.let.wait()
-            honest(part, *rest)
+            real(part, *rest)
 
         monkeypatch.setattr(Part, what, wait)
 
@@ -197,8 +197,8 @@ def test_hanging_disk_delays_nothing_and_catches_up(
         for tick in range(100, 300):
             recording.flush(tick / 10)
             feed_one(recording, tick / 10)
-        assert why(recording) is None
-        assert not recording.recorded  # nothing is called recorded that the disk has not confirmed
+        assert failure_of(recording) is None
+        assert not recording.recorded  # only what the disk has confirmed counts as recorded
         assert caplog.text.count("the disk is slow: a power cut would take the last 2.5 s") == 1
         stuck.let.set()
         until(lambda: recording._disk.safe.number == recording._handed)
@@ -207,7 +207,9 @@ def test_hanging_disk_delays_nothing_and_catches_up(
     assert walls(tmp_path / "run.mcap") == tenths(10.0, 30.0)
 
 
-def test_written_data_is_safe_despite_hanging_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_written_messages_are_readable_despite_hanging_sync(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stuck = Stuck(monkeypatch, "sync")
     with recorder(tmp_path / "run.mcap") as recording:
         feed(recording, 10.0, 20.0)
@@ -224,16 +226,16 @@ def test_hanging_disk_does_not_fill_memory(
         for tick in range(100, 400):
             feed_one(recording, tick / 10)
             recording.flush(tick / 10)
-        assert why(recording) == "the disk is too slow"
+        assert failure_of(recording) == "the disk is too slow"
         assert sum(recording._waiting) < 6_000
-        with monkeypatch.context() as roomier:  # just under the limit is not yet caught up
+        with monkeypatch.context() as roomier:  # just below the limit, recording does not resume
             roomier.setattr(recorder_module, "MAX_WAITING_BYTES", 1.5 * sum(recording._waiting))
             recording.flush(40.0)
-            assert why(recording) == "the disk is too slow"
+            assert failure_of(recording) == "the disk is too slow"
         stuck.let.set()
         settle(recording)
         feed(recording, 40.0, 45.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
         assert levels(recording)[-1] == logging.WARNING
     kept = walls(tmp_path / "run.mcap")
     assert kept[-40:] == tenths(41.0, 45.0)
@@ -241,7 +243,7 @@ def test_hanging_disk_does_not_fill_memory(
     assert caplog.text.count("nothing is recorded any more") == 1
 
 
-def test_a_disk_that_fails_to_force_gets_a_new_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_sync_starts_new_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_: Part) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
@@ -249,16 +251,16 @@ def test_a_disk_that_fails_to_force_gets_a_new_part(tmp_path: Path, monkeypatch:
         with monkeypatch.context() as broken:
             broken.setattr(Part, "sync", refuse)
             feed(recording, 10.0, 15.0)
-            until(lambda: recording._disk._forcer._error is not None or why(recording) is not None)
+            until(lambda: recording._disk._forcer._error is not None or failure_of(recording) is not None)
         feed(recording, 15.0, 16.0)
-        assert why(recording) == os.strerror(errno.EIO)
+        assert failure_of(recording) == os.strerror(errno.EIO)
         feed(recording, 30.0, 35.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
         assert len(recording.paths) == 2
     assert walls(tmp_path / "run.mcap")[-40:] == tenths(31.0, 35.0)
 
 
-def test_what_is_safe_never_gets_less_whichever_thread_says_so_last() -> None:
+def test_forcer_ignores_older_confirmation() -> None:
     forcer = Forcer()
     forcer.confirm(NOTHING._replace(number=5))
     forcer.confirm(NOTHING._replace(number=3))
@@ -266,7 +268,7 @@ def test_what_is_safe_never_gets_less_whichever_thread_says_so_last() -> None:
     assert forcer.safe.number == 5
 
 
-def test_a_disk_that_never_answers_does_not_keep_the_process(
+def test_close_returns_while_disk_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "STOP_TIMEOUT_SECONDS", 0.05)
@@ -280,7 +282,7 @@ def test_a_disk_that_never_answers_does_not_keep_the_process(
     assert walls(tmp_path / "run.mcap") == [10.0]
 
 
-def test_parts_begun_after_a_failure_are_whole_too(tmp_path: Path) -> None:
+def test_part_started_after_failure_is_complete(tmp_path: Path) -> None:
     with recorder(tmp_path / "run.mcap") as recording:
         feed(recording, 10.0, 12.0)
         (tmp_path / "run.mcap").unlink()
@@ -305,9 +307,9 @@ def test_chunk_that_cannot_be_compressed_loses_only_itself(
         with monkeypatch.context() as broken:
             broken.setattr("formation.monitor.recording.part.lz4.frame.compress", fails)
             feed(recording, 15.0, 17.0)
-            assert why(recording) == "no room to pack it in"
+            assert failure_of(recording) == "no room to pack it in"
         feed(recording, 17.0, 40.0)
-        assert why(recording) is None
+        assert failure_of(recording) is None
         assert recording.lost > 0
     found = walls(tmp_path / "run.mcap")
     assert found[:45] == tenths(10.0, 14.5)

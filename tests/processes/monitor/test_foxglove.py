@@ -1,4 +1,4 @@
-"""`formation monitor --foxglove` as a real process, with a client that looks."""
+"""`formation monitor --foxglove` as a real process, with a Foxglove client."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from tests.support.foxglove_viewer import Message, Viewer, viewing
 
 pytestmark = pytest.mark.processes
 ALL = {f"/{one.key}" for one in (*KEYS, *OWN)}
-OWNS = {f"/{one.key}" for one in OWN}
-SAID = {topic for topic in ALL if not topic.endswith("/scan")}
+METRICS = {f"/{one.key}" for one in OWN}
+PUBLISHED = {topic for topic in ALL if not topic.endswith("/scan")}
 
 
-def until_hung_up(viewer: Viewer) -> Iterator[Message]:
+def until_closed(viewer: Viewer) -> Iterator[Message]:
     try:
         while True:
             yield viewer.receive()
@@ -47,28 +47,28 @@ def test_foxglove_client_gets_recorded_messages_exactly(tmp_path: Path) -> None:
     ):
         ready = child.event("ready")
         actor = Actor(bus, stage)
-        actor.wait_for_the_monitor()
+        actor.wait_for_monitor()
         with viewing(ready["foxglove"], max_queue=None) as viewer:
             viewer.advertised(len(ALL))
             viewer.subscribe(*ALL)
-            while viewer.receive().topic != f"/{DIAGNOSTICS.key()}":  # so it has heard of the subscriptions
+            while viewer.receive().topic != f"/{DIAGNOSTICS.key()}":  # then the server has the subscriptions
                 pass
             actor.play(2.0)
             reported: list[Message] = []
             missing = Counter({f"/{key}": count for key, count in actor.published.items()})
-            while +missing:  # a server that stops hangs up at once
+            while +missing:  # a server that stops closes the connection at once
                 reported.append(viewer.receive())
                 missing[reported[-1].topic] -= 1
             assert child.signal(signal.SIGTERM) < PATIENCE
-            reported += until_hung_up(viewer)
+            reported += until_closed(viewer)
             assert child.wait() == 0
             assert "foxglove: ws://127.0.0.1:" in child.errors
     in_file = recorded(path)
-    for topic in SAID:
+    for topic in PUBLISHED:
         payloads = [one.payload for one in reported if one.topic == topic]
         assert payloads
         kept = in_file[topic.removeprefix("/")]
-        assert payloads == (kept[-len(payloads) :] if topic in OWNS else kept), topic
+        assert payloads == (kept[-len(payloads) :] if topic in METRICS else kept), topic
     for one in reported:
         channel = viewer.channels[one.topic]
         schema = Schema(1, channel["schema"].encode(), "ros2msg", channel["schemaName"])
@@ -77,7 +77,7 @@ def test_foxglove_client_gets_recorded_messages_exactly(tmp_path: Path) -> None:
         decoder(one.payload)
 
 
-def test_a_port_that_is_taken_is_bad_input() -> None:
+def test_foxglove_port_in_use_is_refused() -> None:
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
         holder.listen()
@@ -89,7 +89,7 @@ def test_a_port_that_is_taken_is_bad_input() -> None:
 
 
 def command(*arguments: str, without: str = "") -> subprocess.CompletedProcess[str]:
-    """`formation` on a machine that lacks the package `without`."""
+    """Run `formation` as on a machine without the package `without`."""
     program = f"""
 import sys
 sys.modules[{without!r}] = None
@@ -101,7 +101,7 @@ sys.exit(main())
     )
 
 
-def test_without_the_sdk_one_line_says_what_to_install() -> None:
+def test_missing_foxglove_sdk_prints_what_to_install() -> None:
     end = free_endpoint()
     done = command(
         "monitor", "six_robots", "--foxglove", "-l", end, "--no-record", "--no-page", without="foxglove"

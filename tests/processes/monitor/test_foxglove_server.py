@@ -28,7 +28,7 @@ def server() -> Iterator[Foxglove]:
 
 
 def subscribed(server: Foxglove, viewer: Viewer, *topics: str) -> None:
-    """Have `viewer` subscribe, and wait until the server knows."""
+    """Subscribe `viewer` to topics, and wait until the server has the subscriptions."""
     viewer.advertised(len(KEYS))
     viewer.subscribe(*topics)
     deadline = time.monotonic() + 30.0
@@ -37,7 +37,7 @@ def subscribed(server: Foxglove, viewer: Viewer, *topics: str) -> None:
         time.sleep(0.001)
 
 
-def a_bit_of_everything() -> list[Sample]:
+def samples_of_all_kinds() -> list[Sample]:
     fleet = Fleet()
     return [
         *fleet.positions(10.0, 10.2),
@@ -66,8 +66,8 @@ def test_recorded_topics_are_advertised_read_only_with_schema(
             get_typestore(Stores.EMPTY).register(get_types_from_msg(channel["schema"], one.topic.type))
 
 
-def test_messages_come_byte_for_byte_and_an_independent_reader_decodes_them(server: Foxglove) -> None:
-    samples = a_bit_of_everything()
+def test_messages_arrive_unchanged_and_independent_reader_decodes_them(server: Foxglove) -> None:
+    samples = samples_of_all_kinds()
     topics = sorted({f"/{sample.key}" for sample in samples})
     with viewing(server.address) as viewer:
         subscribed(server, viewer, *topics)
@@ -90,7 +90,7 @@ def test_messages_come_byte_for_byte_and_an_independent_reader_decodes_them(serv
                 assert (message.msg, message.function, message.level) == ("silent for 1.1 s", "lost", 30)
 
 
-def test_what_rides_on_a_message_has_a_topic_beside_it(server: Foxglove) -> None:
+def test_attachment_is_sent_on_its_own_topic(server: Foxglove) -> None:
     fleet = Fleet()
     beside = f"/{POSITION.key('robot1')}/attached"
     with viewing(server.address) as viewer:
@@ -105,7 +105,7 @@ def test_what_rides_on_a_message_has_a_topic_beside_it(server: Foxglove) -> None
         assert sample.attachment in viewer.receive().payload
 
 
-def test_a_client_that_wants_to_publish_is_refused_and_nothing_breaks(server: Foxglove) -> None:
+def test_requests_of_client_are_refused_and_server_continues(server: Foxglove) -> None:
     with viewing(server.address) as viewer:
         subscribed(server, viewer, f"/{ERROR.key()}")
         channel = {
@@ -118,13 +118,13 @@ def test_a_client_that_wants_to_publish_is_refused_and_nothing_breaks(server: Fo
         viewer.connection.send(b"\x01\x01\x00\x00\x00" + command("robot2", 10.0, 0.3, 0.0).payload)
         viewer.say(op="setParameters", parameters=[{"name": "speed", "value": 1.0}])
         viewer.connection.send("no JSON")
-        viewer.warned(4)  # that it may not, each time
+        viewer.warned(4)  # a refusal for each
         assert {status["level"] for status in viewer.statuses} == {2}
         server.forward_sample(sample_of(ERROR.key(), Number(0.5), 10.0), 1010.0)
         assert viewer.receive().topic == f"/{ERROR.key()}"
 
 
-def test_slow_client_loses_messages_and_delays_no_other(server: Foxglove) -> None:
+def test_slow_client_delays_neither_server_nor_other_client(server: Foxglove) -> None:
     sample = odometry("robot2", 10.0)._replace(payload=bytes(4_000))
     last = sample_of(ERROR.key(), Number(0.5), 10.0)
     with viewing(server.address, max_queue=1) as slow, viewing(server.address) as viewer:
@@ -136,11 +136,11 @@ def test_slow_client_loses_messages_and_delays_no_other(server: Foxglove) -> Non
         spent = time.monotonic() - start
         server.forward_sample(last, 1010.0)
         assert viewer.receive().payload == last.payload
-        assert spent < 10.0  # far more than is kept, so most of it was thrown away
+        assert spent < 10.0  # more than is kept, so most of it was dropped
         slow.connection.socket.shutdown(socket.SHUT_RDWR)
 
 
-def test_unknown_key_and_disconnected_client_are_harmless(server: Foxglove) -> None:
+def test_forwarding_ignores_unknown_key_and_disconnected_client(server: Foxglove) -> None:
     with viewing(server.address) as viewer:
         subscribed(server, viewer, f"/{ERROR.key()}")
     server.forward_sample(Sample("elsewhere", b"", None, 10.0), 1010.0)
@@ -148,7 +148,7 @@ def test_unknown_key_and_disconnected_client_are_harmless(server: Foxglove) -> N
         server.forward_sample(sample_of(ERROR.key(), Number(0.5), 10.0), 1010.0)
 
 
-def test_stopping_hangs_up_at_once_and_twice_does_no_harm(server: Foxglove) -> None:
+def test_stop_closes_port_and_can_be_repeated(server: Foxglove) -> None:
     with viewing(server.address) as viewer:
         viewer.advertised(len(KEYS))
         start = time.monotonic()
@@ -161,7 +161,7 @@ def test_stopping_hangs_up_at_once_and_twice_does_no_harm(server: Foxglove) -> N
 
 
 def connect_again(port: int) -> None:
-    """Connect until that is refused, as the server's own thread closes the socket; for 30 s at most."""
+    """Connect until refused, for at most 30 s: the server's own thread closes the socket."""
     deadline = time.monotonic() + 30.0
     while time.monotonic() < deadline:
         socket.create_connection(("127.0.0.1", port), timeout=30.0).close()
@@ -179,8 +179,7 @@ def test_unusable_address_is_an_error_with_reason(host: str, why: str) -> None:
             Foxglove(host, holder.getsockname()[1], "taken", KEYS)
 
 
-def test_encoding_is_nobodys_business_here(server: Foxglove) -> None:
-    """What is malformed goes out as it came, as it goes into the recording."""
+def test_malformed_payload_is_forwarded_unchanged(server: Foxglove) -> None:
     with viewing(server.address) as viewer:
         subscribed(server, viewer, f"/{ERROR.key()}")
         server.forward_sample(Sample(ERROR.key(), b"\xff" * 3, None, 10.0), 1010.0)

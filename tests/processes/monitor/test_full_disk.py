@@ -1,4 +1,4 @@
-"""A real monitor whose disk fills up: it goes on watching, says so to everybody, and resumes by itself."""
+"""A monitor process with a full disk continues to watch, reports it, and resumes recording by itself."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from tests.support.disks import in_memory
 pytestmark = [pytest.mark.processes, pytest.mark.mounts]
 
 
-def test_a_monitor_outlives_a_full_disk_and_resumes() -> None:
+def test_monitor_reports_full_disk_and_resumes_recording() -> None:
     with in_memory(300_000_000) as folder:
         with watching("--record", str(folder / "run.mcap"), "--snapshots", "--no-page") as (child, actor):
             actor.bus.subscribe(EVENTS.key())
-            talk = threading.Event()
-            talker = threading.Thread(target=talk_until, args=(actor, talk))
-            talker.start()
+            over = threading.Event()
+            player = threading.Thread(target=play_until, args=(actor, over))
+            player.start()
             try:
                 fill(folder, leaving=20_000_000)
                 result = snapshot_until(child, lambda one: one["recording_failure"] is not None)
                 assert result["recording_failure"] == "less than 32 MB are left on the disk"
-                # while somebody is late the error is not known
+                # the error is unknown while a position is late
                 result = snapshot_until(child, lambda one: one["formation_error"] is not None)
                 assert result["formation_error"] < 0.01
                 assert result["recording_failure"] == "less than 32 MB are left on the disk"
@@ -40,8 +40,8 @@ def test_a_monitor_outlives_a_full_disk_and_resumes() -> None:
                 (folder / "filler").unlink()
                 snapshot_until(child, lambda one: one["recording_failure"] is None)
             finally:
-                talk.set()
-                talker.join()
+                over.set()
+                player.join()
             child.signal(signal.SIGTERM)
             summary = snapshot_until(child, lambda one: one["event"] == "summary")
             assert child.wait() == 0
@@ -59,26 +59,26 @@ def test_a_monitor_outlives_a_full_disk_and_resumes() -> None:
     assert ours[-1][1] == f"recording goes on in {folder / 'run-2.mcap'}"
 
 
-def talk_until(actor: Actor, enough: threading.Event) -> None:
+def play_until(actor: Actor, enough: threading.Event) -> None:
     while not enough.is_set():
         actor.play(0.5)
 
 
 def fill(folder: Path, leaving: int) -> None:
-    """Leave so much of the disk [bytes]."""
+    """Fill the disk except for `leaving` [bytes]."""
     with (folder / "filler").open("wb") as file:
         for _ in range((300_000_000 - leaving) // 1_000_000):
             file.write(bytes(1_000_000))
 
 
 def snapshot_until(child: Child, wanted: Any) -> dict[str, Any]:
-    """The first thing it says that is `wanted`."""
+    """Return the next snapshot or summary that is `wanted`."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         line = child._lines.get(timeout=PATIENCE)
         assert line is not None, child.errors
         result: dict[str, Any] = json.loads(line)
         if result["event"] == "summary" or wanted(result):
-            assert wanted(result), "it ended before"
+            assert wanted(result), "the monitor ended before"
             return result
-    raise AssertionError("it never said so")
+    raise AssertionError("no such snapshot came")

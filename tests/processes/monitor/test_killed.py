@@ -1,6 +1,6 @@
-"""Recorders that are killed at any moment, under load: no more than a second of what they had is missing.
+"""Recorders under load that are killed at random times lose at most a second of messages.
 
-Measured by the clock of the one that is killed, so that it does not matter how busy this machine is.
+The loss is measured by the clock of the killed process, so a busy machine does not matter.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ RATE = 1000
 """Messages a second, every second one with an attachment."""
 AT_ONCE, ROUNDS = 4, 5
 LOSS = 1.0
-"""What a kill may take [s]."""
+"""Greatest loss by a kill [s]."""
 COUNT, TIME = struct.Struct("<q"), struct.Struct("<d")
 MOST = 1_000_000
-"""Messages that there is room for in notes."""
+"""Number of messages for which notes have room."""
 
 
 class Notes:
-    """What a process leaves behind when it is killed: when it gave which message, in a shared file."""
+    """When a process gave each message to its recorder, in a shared file that outlives a kill."""
 
     SIZE = COUNT.size + MOST * TIME.size
 
@@ -49,27 +49,27 @@ class Notes:
             self._map = mmap.mmap(file.fileno(), self.SIZE)
 
     def give(self, number: int, when: float) -> None:
-        """Messages are given in order, from 0 on."""
+        """Note when a message is given; numbers rise from 0 on."""
         TIME.pack_into(self._map, COUNT.size + number * TIME.size, when)
         COUNT.pack_into(self._map, 0, number + 1)
 
     def given(self) -> int:
-        """How many so far."""
+        """Return the number of messages so far."""
         count: int = COUNT.unpack_from(self._map)[0]
         return count
 
     def when(self, number: int) -> float:
-        """When this message was given [s, monotonic]."""
+        """Return when this message was given [s, monotonic]."""
         time: float = TIME.unpack_from(self._map, COUNT.size + number * TIME.size)[0]
         return time
 
     def age(self, kept: int, given: int) -> float:
-        """How old the oldest was that is missing, when the last of those `given` was [s]; 0 if none is."""
+        """Return the age of the oldest missing message when the last was given [s]; 0 if none is missing."""
         return self.when(given - 1) - self.when(kept) if kept < given else 0.0
 
 
 def main(path: Path, about: Path) -> None:
-    """Record a thousand messages a second until somebody puts an end to it, with notes `about` it."""
+    """Record `RATE` messages a second until killed, with notes in `about`."""
     notes = Notes(about)
     with recorder(path) as recording:
         start, count = time.monotonic(), 0
@@ -84,7 +84,7 @@ def main(path: Path, about: Path) -> None:
 
 
 def message(number: int) -> Sample:
-    """The message with this number, counted from 0."""
+    """Return the message with this number, counted from 0."""
     if number % 2:
         return odometry(f"robot{2 + number % 5}", number / RATE)
     return command("robot3", number / RATE, 0.1, number / RATE)._replace(attachment=b'{"n": %d}' % number)
@@ -92,7 +92,7 @@ def message(number: int) -> Sample:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Iterator[Path]:
-    """In memory, where there is such a place: a kill takes the same there, however busy the disks are."""
+    """Make a folder in memory if possible: a kill loses the same there, but busy disks do not matter."""
     memory = Path("/dev/shm")  # noqa: S108 - a folder of its own in there
     if not os.access(memory, os.W_OK):
         yield tmp_path
@@ -101,7 +101,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         yield Path(name)
 
 
-def test_kill_at_any_moment_loses_a_second_only(folder: Path) -> None:
+def test_kill_at_random_time_loses_at_most_a_second(folder: Path) -> None:
     choice = random.Random(20)
     losses = [loss for turn in range(ROUNDS) for loss in killed(folder / str(turn), choice)]
     print("lost", sorted(round(loss, 2) for loss in losses))
@@ -110,7 +110,7 @@ def test_kill_at_any_moment_loses_a_second_only(folder: Path) -> None:
 
 
 def killed(folder: Path, choice: random.Random) -> list[float]:
-    """Several recorders, each killed at a moment of its own; what each lost [s]."""
+    """Run several recorders and kill each at a random time; return what each lost [s]."""
     folder.mkdir()
     paths = [folder / f"{number}.mcap" for number in range(AT_ONCE)]
     with ExitStack() as stack:
@@ -125,7 +125,7 @@ def killed(folder: Path, choice: random.Random) -> list[float]:
 
 @contextmanager
 def started(path: Path, about: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that records `path` with notes `about` it, and is killed at the end."""
+    """Start a process that records `path` with notes in `about`; kill it at the end."""
     where = f"Path({str(path)!r}), Path({str(about)!r})"
     code = f"from pathlib import Path; from {__name__} import main; main({where})"
     with subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[3]) as child:
@@ -140,7 +140,7 @@ def notes_of(path: Path) -> Path:
 
 
 def wait_until_given(about: Path, messages: float) -> None:
-    """Wait until a recorder has been given so many: a busy machine takes a while even to start it."""
+    """Wait until a recorder has been given this many messages; a busy machine may start it late."""
     deadline = time.monotonic() + 4 * PATIENCE
     while given(about) <= messages:
         assert time.monotonic() < deadline, f"{given(about)} messages, not {messages}"
@@ -148,12 +148,12 @@ def wait_until_given(about: Path, messages: float) -> None:
 
 
 def given(about: Path) -> int:
-    """How many messages a recorder has been given."""
+    """Return how many messages a recorder has been given."""
     return Notes(about).given() if about.exists() else 0
 
 
 def lost(path: Path) -> float:
-    """How old the oldest message was that is missing, when the last one was given [s]; 0 if none is."""
+    """Return the age of the oldest missing message when the last was given [s]; 0 if none is missing."""
     notes = Notes(notes_of(path))
     count = notes.given()
     out = path.with_name(f"{path.stem}-recovered.mcap")

@@ -27,11 +27,11 @@ pytestmark = pytest.mark.processes
 
 
 class Run(NamedTuple):
-    """Three seconds of a fleet in formation, and what became of them."""
+    """Results of three seconds of a fleet in formation."""
 
     actor: Actor
     arrived: list[Sample]
-    """What the fleet could hear of the monitor."""
+    """What the fleet received from the monitor."""
     snapshots: list[dict[str, Any]]
     summary: dict[str, Any]
     path: Path
@@ -61,12 +61,12 @@ def test_every_published_message_is_recorded_exactly(run: Run) -> None:
     assert run.summary["recorded"] == published + Counter(run.summary["published"])
     assert run.summary["recorded"] == {key: len(payloads) for key, payloads in run.in_file.items()}
     for key in published:
-        assert run.in_file[key] == [sample.payload for sample in run.actor.said if sample.key == key]
+        assert run.in_file[key] == [sample.payload for sample in run.actor.sent if sample.key == key]
     assert run.summary["dropped"] == {"overflowed": 0}
     assert run.summary["recording"] == str(run.path)
 
 
-def test_what_is_on_its_way_at_the_end_is_recorded(tmp_path: Path) -> None:
+def test_messages_in_transit_at_the_end_are_recorded(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with watching("--record", str(path)) as (child, actor):
         actor.play(0.5)
@@ -77,10 +77,10 @@ def test_what_is_on_its_way_at_the_end_is_recorded(tmp_path: Path) -> None:
     assert {key: len(payloads) for key, payloads in recorded(path).items()} == summary["recorded"]
 
 
-def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
+def test_monitor_metrics_are_published_and_recorded(run: Run) -> None:
     errors = [decode(Number, payload).value for payload in run.in_file[ERROR.key()]]
     walls = [one.wall for one in read(run.path).messages() if one.sample.key == ERROR.key()]
-    assert 15 <= len(errors) <= 10.0 * (walls[-1] - walls[0]) + 5  # while the fleet plays, however slowly
+    assert 15 <= len(errors) <= 10.0 * (walls[-1] - walls[0]) + 5  # while the fleet plays, even slowly
     assert max(errors) < 1e-6
     assert run.summary["published"] == {one.key: len(run.in_file[one.key]) for one in OWN}
     for one in OWN:
@@ -94,10 +94,10 @@ def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
     robot2 = [statuses[2].values for statuses in reported if statuses[0].message == "error 0.0000 m"]
     assert {values["error.robot1"] for values in robot2} == {"0.0000"}
     rates = [float(values["rate.odom"]) for values in robot2]
-    assert median(rates) == pytest.approx(20.0, rel=0.1)  # for in one of them somebody may be late
+    assert median(rates) == pytest.approx(20.0, rel=0.1)  # in one of them a message may be late
 
 
-def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:
+def test_snapshots_have_formation_edges_and_robots(run: Run) -> None:
     live = [one for one in run.snapshots if one["formation_error"] is not None]
     assert len(live) >= 10
     last = live[-1]
@@ -115,16 +115,16 @@ def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:
     assert 0.0 <= robot["age"] < 0.25
 
 
-def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> None:
+def test_summary_reports_convergence_and_settling_time(run: Run) -> None:
     assert run.summary["converged"] is True
     assert run.summary["settling_time"] < 0.5
     assert run.summary["formation_error"] < 1e-6
 
 
-def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
+def test_monitor_without_snapshots_logs_every_two_seconds(tmp_path: Path) -> None:
     begun = time.monotonic()
     with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
-        while not known(child.log.splitlines()):
+        while not with_known_error(child.log.splitlines()):
             assert time.monotonic() < begun + PATIENCE
             actor.play(0.5)
         child.signal(signal.SIGTERM)
@@ -132,12 +132,12 @@ def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
         child.event("summary")
         lines = [line for line in child.errors.splitlines() if "error" in line]
     assert 2 <= len(lines) <= 1 + lasted / 2.0
-    assert "error 0.0 mm" in known(lines)[-1]
-    assert "6 run" in known(lines)[-1]
+    assert "error 0.0 mm" in with_known_error(lines)[-1]
+    assert "6 run" in with_known_error(lines)[-1]
 
 
-def known(lines: Sequence[str]) -> list[str]:
-    """Those that tell an error: while somebody is late it is not known."""
+def with_known_error(lines: Sequence[str]) -> list[str]:
+    """Return the lines with a known error; it is unknown while a position is late."""
     return [line for line in lines if "error " in line and "error unknown" not in line]
 
 
@@ -148,7 +148,7 @@ def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) ->
         actor.play(0.5)
         for payload in rubbish:
             for one in KEYS:
-                actor.side(one.key).publish(one.key, payload, b"\xff" * 10)
+                actor.bus_of(one.key).publish(one.key, payload, b"\xff" * 10)
         actor.play(1.0)
         actor.wait_until_recorded(path)
         child.signal(signal.SIGTERM)
@@ -160,14 +160,14 @@ def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) ->
     assert summary["formation_error"] < 1e-6
 
 
-def test_it_publishes_nothing_that_a_robot_listens_to(tmp_path: Path) -> None:
+def test_monitor_publishes_nothing_to_robots(tmp_path: Path) -> None:
     with watching("--no-record", "--snapshots") as (child, actor):
         actor.bus.subscribe("robot2/**")
         actor.bus.subscribe("robot1/**")
         actor.stage.subscribe("**")
         actor.play(1.0)
         child.signal(signal.SIGTERM)
-        # what the test itself said, and nobody else
+        # only what the test itself sent
         arrived = {key: n for key, n in actor.bus.published.items() if key[:6] in {"robot1", "robot2"}}
         assert actor.bus.received == arrived
         assert actor.stage.received == actor.stage.published
@@ -175,7 +175,7 @@ def test_it_publishes_nothing_that_a_robot_listens_to(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("flags", [("--no-stage",), ()])
-def test_without_simulated_robots_truth_is_unknown(flags: tuple[str, ...]) -> None:
+def test_ground_truth_is_unknown_without_simulated_robots(flags: tuple[str, ...]) -> None:
     end = free_endpoint()
     with (
         Bus(BusConfig(listen=(end,))) as bus,
@@ -186,7 +186,7 @@ def test_without_simulated_robots_truth_is_unknown(flags: tuple[str, ...]) -> No
         child.event("ready")
         actor = Actor(bus, bus)
         until(lambda: all(bus.watched(STATUS.key(name)) for name in actor.fleet.mission.names))
-        assert not bus.watched(GROUND_TRUTH.key("robot2"))  # an agent has no truth to tell
+        assert not bus.watched(GROUND_TRUTH.key("robot2"))  # agents do not know the ground truth
         actor.play(2.0)
         child.signal(signal.SIGTERM)
         snapshots, summary = events(child)
@@ -198,29 +198,29 @@ def test_without_simulated_robots_truth_is_unknown(flags: tuple[str, ...]) -> No
 
 
 @pytest.mark.parametrize("names", ["ros2dds", "rmw_zenoh"])
-def test_figures_are_ros_2_topics_where_they_are_wanted(names: Ros, tmp_path: Path) -> None:
+def test_ros_flag_publishes_metrics_as_ros_2_topics(names: Ros, tmp_path: Path) -> None:
     end, path = free_endpoint(), tmp_path / "run.mcap"
     naming = Naming.of_formation(names, 7)
     wires = {one.key: naming.wire(one.key) for one in OWN}
     ros_flags = ("--ros", end, "--ros-names", names, "--ros-domain", "7")
     arrived: dict[str, list[bytes]] = {wire: [] for wire in wires.values()}
     with watching("--record", str(path), "--snapshots", *ros_flags) as (child, actor), router(end) as ros:
-        ros.subscribe("**")  # the router comes later than the monitor, which goes on without
-        until(lambda: ros.received[wires[DIAGNOSTICS.key()]] > 0)  # without a fleet there are no others
+        ros.subscribe("**")  # the router starts after the monitor, which does not wait for it
+        until(lambda: ros.received[wires[DIAGNOSTICS.key()]] > 0)  # without a fleet, no others are published
         actor.play(3.0)
         child.signal(signal.SIGTERM)
         _, summary = events(child)
         assert child.wait() == 0
         reported = {wires[one.key]: recorded(path)[one.key] for one in OWN}
 
-        def all_told() -> bool:
+        def all_received() -> bool:
             for sample in ros.drain():
                 arrived[sample.key].append(sample.payload)
                 assert len(sample.attachment or b"") == (0 if names == "ros2dds" else 33)
             return all(payloads[-1:] == reported[wire][-1:] for wire, payloads in arrived.items())
 
-        until(all_told)
-    # Zenoh sends nothing before it has heard who listens: the first may not come, and every later one does.
+        until(all_received)
+    # Zenoh sends nothing before it knows of a listener: the first may be missing, every later one arrives.
     for wire, payloads in arrived.items():
         assert payloads == reported[wire][-len(payloads) :]
     for one in OWN:
@@ -240,7 +240,7 @@ def test_figures_are_ros_2_topics_where_they_are_wanted(names: Ros, tmp_path: Pa
         (("--ros-names", "rmw_zenoh"), "--ros ENDPOINT"),
     ],
 )
-def test_links_that_cannot_be_are_bad_input_and_leave_no_recording(
+def test_invalid_link_flags_are_refused_and_leave_no_recording(
     flags: tuple[str, ...], words: str, tmp_path: Path
 ) -> None:
     with started("formation.monitor", "six_robots", "--record", str(tmp_path / "run.mcap"), *flags) as child:

@@ -1,4 +1,4 @@
-"""A hundred robots at a rate that any machine bears; tests/campaigns/bench/bench_monitor.py goes higher."""
+"""A hundred robots at a moderate rate; tests/campaigns/bench/bench_monitor.py has higher ones."""
 
 from __future__ import annotations
 

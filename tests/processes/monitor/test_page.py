@@ -27,8 +27,8 @@ pytestmark = pytest.mark.processes
 
 
 @contextmanager
-def shown(*flags: str) -> Iterator[tuple[Child, Actor, str]]:
-    """A monitor with a page, the fleet that it watches, and where the page is."""
+def monitor_with_page(*flags: str) -> Iterator[tuple[Child, Actor, str]]:
+    """Start a monitor with a page; yield it, the fleet that it watches and the page's address."""
     end, stage_end = free_endpoint(), free_endpoint()
     links = ("-e", end, "--stage", stage_end)
     with (
@@ -38,13 +38,13 @@ def shown(*flags: str) -> Iterator[tuple[Child, Actor, str]]:
     ):
         page = child.event("ready")["page"]
         actor = Actor(bus, stage)
-        actor.wait_for_the_monitor()
+        actor.wait_for_monitor()
         yield child, actor, page
 
 
 @contextmanager
 def playing(actor: Actor) -> Iterator[None]:
-    """The fleet drives meanwhile."""
+    """Play the fleet in a thread meanwhile."""
     over = threading.Event()
 
     def play() -> None:
@@ -64,8 +64,8 @@ def requested(page: str, path: str) -> httpx.Response:
     return httpx.get(page + path, timeout=PATIENCE, verify=PLAIN)
 
 
-def figures_with_an_error(page: str) -> dict[str, Metric]:
-    """For Prometheus; while somebody is late the error is not known."""
+def metrics_with_known_error(page: str) -> dict[str, Metric]:
+    """Return the metrics for Prometheus once the error is known: not while a position is late."""
     families: dict[str, Metric] = {}
 
     def known() -> bool:
@@ -87,15 +87,15 @@ def rows(hello: dict[str, Any], frame: dict[str, Any]) -> dict[str, dict[str, An
     }
 
 
-def test_frames_follow_the_fleet_and_figures_are_there_for_prometheus(tmp_path: Path) -> None:
+def test_page_serves_frames_metrics_snapshot_and_health(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with shown("--record", str(path)) as (child, actor, page), playing(actor):
+    with monitor_with_page("--record", str(path)) as (child, actor, page), playing(actor):
         with looking(page) as events:
             hello = next(events)
             assert (hello.kind, hello.data["live"], hello.data["control"]) == ("hello", True, False)
             assert hello.data["recording"] == str(path)
             frames = (event.data for event in events if event.kind == "frame")
-            known = (frame for frame in frames if frame["error"] is not None)  # nobody spoke late
+            known = (frame for frame in frames if frame["error"] is not None)  # no position was late
             first = next(known)
             later = next(frame for frame in known if frame["t"] > first["t"] + 1.0)
         assert later["error"] < 0.001
@@ -104,7 +104,7 @@ def test_frames_follow_the_fleet_and_figures_are_there_for_prometheus(tmp_path: 
             moved = complex(row["x"], row["y"]) - complex(*first["r"][hello_index(hello.data, name)][:2])
             assert abs(moved) == pytest.approx(0.2 * (later["t"] - first["t"]), abs=0.12)  # at 0.2 m/s
         assert later["recording"]["path"] == str(path)
-        families = figures_with_an_error(page)
+        families = metrics_with_known_error(page)
         assert families["formation_error_meters"].samples[0].value < 0.001
         assert len(families["formation_robot_state"].samples) == 6
         assert requested(page, "api/snapshot").json()["robots"]["robot2"]["state"] == "run"
@@ -117,8 +117,8 @@ def hello_index(hello: dict[str, Any], name: str) -> int:
     return [robot["name"] for robot in hello["robots"]].index(name)
 
 
-def test_it_ends_as_quickly_with_pages_open_as_without() -> None:
-    with shown("--no-record") as (child, _, page), looking(page) as one, looking(page) as other:
+def test_monitor_ends_within_10_s_with_open_pages() -> None:
+    with monitor_with_page("--no-record") as (child, _, page), looking(page) as one, looking(page) as other:
         assert {next(one).kind, next(other).kind} == {"hello"}
         assert child.signal(signal.SIGTERM) < 10.0
         assert child.wait() == 0
@@ -129,7 +129,7 @@ def test_it_ends_as_quickly_with_pages_open_as_without() -> None:
 
 
 def test_control_page_needs_token_that_is_never_logged() -> None:
-    with shown("--no-record", "--control") as (child, _, invitation):
+    with monitor_with_page("--no-record", "--control") as (child, _, invitation):
         page, _, token = invitation.partition("#token=")
         assert len(token) >= 32
         refused = httpx.post(page + "api/order", json={"do": "stop"}, timeout=PATIENCE, verify=PLAIN)
@@ -142,7 +142,7 @@ def test_control_page_needs_token_that_is_never_logged() -> None:
         assert token not in child.errors
 
 
-def test_requested_taken_port_is_refused_else_another_used(
+def test_page_port_in_use_is_refused_only_if_requested(
     tmp_path: Path,
 ) -> None:
     links = ("-l", free_endpoint(), "--no-stage")
@@ -180,7 +180,7 @@ def test_requested_taken_port_is_refused_else_another_used(
         (("--control-config", "o.json5"), "--control-config FILE: says how --control gives orders"),
     ],
 )
-def test_a_page_that_cannot_be_is_bad_input(flags: tuple[str, ...], words: str) -> None:
+def test_invalid_page_flags_are_refused(flags: tuple[str, ...], words: str) -> None:
     links = ("-l", free_endpoint(), "--no-stage", "--no-record")
     with started("formation.monitor", "six_robots", *links, *flags) as child:
         assert child.wait() == 2
@@ -219,7 +219,7 @@ def running(folder: Path, *flags: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
-    """Where a run says its page is, in its second line."""
+    """Return the address of a run's page, which its second line has."""
     assert process.stderr is not None
     hint, page = process.stderr.readline(), process.stderr.readline()
     assert hint.startswith("Ctrl-C ends it.")

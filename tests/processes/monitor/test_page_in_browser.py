@@ -1,4 +1,4 @@
-"""A person at the page of a real run: six robots, their real processes, a real browser."""
+"""The live page of a real run of six robots, in a real browser."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.browser, pytest.mark.timeout(24
 SIX = load("six_robots")
 PAGE = ("--page", "127.0.0.1:0", "--record", "run.mcap")
 LOST_WITHIN = 2.0
-"""[s], besides how long a busy machine held up the page, or the monitor that sends it frames."""
+"""Longest time until a killed robot is shown as lost [s], apart from delays of the page and its frames."""
 POST = """(token) => fetch('api/order', {
   method: 'POST',
   headers: {'Content-Type': 'application/json', ...(token && {Authorization: `Bearer ${token}`})},
@@ -27,12 +27,12 @@ POST = """(token) => fetch('api/order', {
 }).then((answer) => answer.status)"""
 STATES = "formation.model.robots.map((robot) => robot.word)"
 RUNNING = f"{STATES}.every((word) => word === 'run') && {STATES}"
-"""What they do once all run: who heard nothing while the machine stood still holds for a moment."""
+"""The states once all robots run; a robot may hold for a moment after a stall of the machine."""
 PLACES = "formation.model.robots.map((robot) => [robot.place.x, robot.place.y])"
 
 
 def page_of(process: subprocess.Popen[str]) -> str:
-    """Where the page of a run is, as it says itself."""
+    """Return the address of the page, as the run prints it."""
     assert process.stderr is not None
     return next(line for line in process.stderr if line.startswith("Page: ")).split()[1]
 
@@ -47,14 +47,14 @@ def test_browser_shows_run_lost_robot_and_stop(browser: Browser, tmp_path: Path)
         children = wait_until_running(process, 0.5)
         with watched(browser, invitation, viewport={"width": 1280, "height": 800}) as page:
             assert "token" not in page.url
-            _robots_move_and_the_error_falls(page)
-            _nobody_stops_without_the_token(browser, invitation.partition("#")[0])
-            assert until(page, RUNNING) == ["run"] * len(SIX.names)  # a stop would not pass by itself
-            _who_is_killed_is_lost(page, agent_of("robot5", children))
-            _the_others_stop(page)
+            _check_robots_move_and_error_falls(page)
+            _check_stop_needs_token(browser, invitation.partition("#")[0])
+            assert until(page, RUNNING) == ["run"] * len(SIX.names)  # a robot in stop would stay there
+            _check_robot_of_killed_agent_is_lost(page, agent_of("robot5", children))
+            _check_other_robots_stop(page)
 
 
-def _robots_move_and_the_error_falls(page: Page) -> None:
+def _check_robots_move_and_error_falls(page: Page) -> None:
     known = "formation.model.frame?.error > 0 && formation.model.robots.every((one) => one.place)"
     places, error = until(page, f"{known} && [{PLACES}, formation.model.frame.error]")
     low = f"formation.model.frame.error < {min(0.5 * error, SIX.settled)}"
@@ -67,13 +67,13 @@ def _robots_move_and_the_error_falls(page: Page) -> None:
     page.locator("#connection", has_text="live").wait_for()
 
 
-def _nobody_stops_without_the_token(browser: Browser, address: str) -> None:
+def _check_stop_needs_token(browser: Browser, address: str) -> None:
     with watched(browser, address, tolerated="status of 401") as stranger:
         assert not stranger.is_visible('[data-do="stop"]')
         assert [stranger.evaluate(POST, token) for token in ("", "guessed")] == [401, 401]
 
 
-def _who_is_killed_is_lost(page: Page, agent: psutil.Process) -> None:
+def _check_robot_of_killed_agent_is_lost(page: Page, agent: psutil.Process) -> None:
     row = page.locator('[data-robot="robot5"] td.state')
     page.evaluate("""() => {
       const cell = document.querySelector('[data-robot="robot5"] td.state');
@@ -98,7 +98,7 @@ def _who_is_killed_is_lost(page: Page, agent: psutil.Process) -> None:
     page.locator("#event-list li", has_text="lost").first.wait_for()
 
 
-def _the_others_stop(page: Page) -> None:
+def _check_other_robots_stop(page: Page) -> None:
     page.click('[data-do="stop"]')
     result = page.locator("#acknowledgements li")
     result.nth(len(SIX.names)).wait_for()
@@ -110,11 +110,11 @@ def _the_others_stop(page: Page) -> None:
     until(page, f"{STATES}.filter((word) => word === 'stop').length === {len(SIX.names) - 1}")
     page.locator("#event-list li", has_text="operator").first.wait_for()
     deadline = time.monotonic() + PATIENCE
-    while not _stand(page):
-        assert time.monotonic() < deadline, "they do not stand"
+    while not _all_stand(page):
+        assert time.monotonic() < deadline, "robots still move"
 
 
-def _stand(page: Page) -> bool:
+def _all_stand(page: Page) -> bool:
     """Whether no follower moves for a second."""
     before = page.evaluate(PLACES)
     until(page, f"formation.model.frame.t > {page.evaluate('formation.model.frame.t') + 1.0}")

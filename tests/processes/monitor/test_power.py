@@ -1,8 +1,8 @@
-"""The power is cut while it records: what the disk itself holds then has all but the last second.
+"""A power cut while recording: the disk itself then has all messages but those of the last second.
 
-The disk is a file, mounted as an ext4. What its blocks hold at some moment is what is in that file, which is
-copied while the recorder runs; what only the operating system has is not there. That file is in memory, so
-it does not matter how busy the disks of this machine are.
+The disk is a file, mounted as ext4. A copy of that file, made while the recorder runs, has the blocks of the
+disk at that time, without what only the operating system has. The file is in memory, so busy disks of this
+machine do not matter.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tests.support.disks import in_a_file, in_memory, mounted, run
 pytestmark = [pytest.mark.mounts, pytest.mark.processes, pytest.mark.timeout(300)]
 CUTS = 10
 LOSS = 1.0
-"""What a power cut may take [s], besides what the disk takes to write."""
+"""Greatest loss by a power cut [s], apart from the time that the disk takes to write."""
 
 
 def test_power_cut_loses_at_most_a_second(tmp_path: Path) -> None:
@@ -34,12 +34,12 @@ def test_power_cut_loses_at_most_a_second(tmp_path: Path) -> None:
             for number in range(CUTS):
                 time.sleep(choice.uniform(0.1, 0.7))
                 losses.append(cut(image, memory / f"cut{number}", tmp_path / "notes"))
-    print("lost, and while the disk was copied", [(f"{lost:.2f}", f"{took:.3f}") for lost, took in losses])
+    print("lost, time of copying", [(f"{lost:.2f}", f"{took:.3f}") for lost, took in losses])
     assert max(lost for lost, _ in losses) <= LOSS
 
 
 def cut(image: Path, copy: Path, notes: Path) -> tuple[float, float]:
-    """Take what the disk holds now; how much is missing of what the recorder had, how long it took [s]."""
+    """Copy the disk as it is now; return the loss in this copy and the time of copying [s]."""
     noted = Notes(notes)
     count = noted.given()
     begun = time.monotonic()

@@ -1,4 +1,4 @@
-"""Recordings of real runs in the hands of other people's readers: every message of every topic decodes."""
+"""Independent readers decode every message of every topic in recordings of real runs."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of six real robots' agents."""
+    """Record a real run of six_robots."""
     folder = tmp_path_factory.mktemp("run")
     with run_started("six_robots", "--duration", "6", "--record", "run.mcap", folder=folder) as process:
         assert result_of(process)["lost"] == 0
     return folder / "run.mcap"
 
 
-def test_a_six_robot_run(run: Path) -> None:
+def test_independent_readers_decode_six_robot_run(run: Path) -> None:
     topics = check([run])
     assert len(topics) > 30
     assert {topic for topic in topics if topic.startswith("/formation/")} == {
@@ -44,7 +44,7 @@ def test_a_six_robot_run(run: Path) -> None:
     assert topics["/robot2/odom"] > 50
 
 
-def test_one_that_was_cut_and_recovered(run: Path, tmp_path: Path) -> None:
+def test_independent_readers_decode_recovered_recording(run: Path, tmp_path: Path) -> None:
     cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     cut.write_bytes(run.read_bytes()[: run.stat().st_size * 2 // 3])
     recover(cut, out)
@@ -53,7 +53,7 @@ def test_one_that_was_cut_and_recovered(run: Path, tmp_path: Path) -> None:
     assert topics.total() > 1000
 
 
-def test_one_in_parts(tmp_path: Path) -> None:
+def test_independent_readers_decode_recording_in_parts(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with watching("--record", str(path), "--rotate-size", "150kB", "--snapshots", "--no-page") as (
         child,
@@ -76,7 +76,7 @@ def test_one_in_parts(tmp_path: Path) -> None:
 
 
 def check(parts: Iterable[Path]) -> Counter[str]:
-    """Three readers agree on what is in these files, and each decodes it all; messages by topic."""
+    """Assert that three readers decode all of these files and agree; return message counts by topic."""
     found: Counter[str] = Counter()
     for path in parts:
         assert is_whole(path)

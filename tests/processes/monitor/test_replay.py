@@ -1,4 +1,4 @@
-"""`formation replay` for real: a run is recorded, and played to a page and to somebody who listens."""
+"""`formation replay` as a real process: a run is recorded, then replayed to a page and to a bus."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tests.support.child import PATIENCE, free_endpoint, until
 from tests.support.launched import command
 
 pytestmark = pytest.mark.processes
-Said = list[tuple[bytes, bytes | None]]
+Payloads = list[tuple[bytes, bytes | None]]
 ROUNDED = 0.0006
-"""So far from when a frame was made is the time that stands in it [s]."""
+"""Bound of the rounding error of the time in a frame [s]."""
 SOON = 0.001
-"""So long after what came last such a time is at most [s]."""
+"""Longest time from the last message of a frame to the time at which it is compared [s]."""
 
 
 @pytest.fixture(scope="module")
@@ -36,21 +36,21 @@ def messages(run: Run) -> list[Recorded]:
     return list(read(run.path).messages())
 
 
-def by_key(samples: list[Sample]) -> dict[str, Said]:
-    found: dict[str, Said] = defaultdict(list)
+def by_key(samples: list[Sample]) -> dict[str, Payloads]:
+    found: dict[str, Payloads] = defaultdict(list)
     for sample in samples:
         found[sample.key].append((sample.payload, sample.attachment))
     return dict(found)
 
 
-def receive_something(bus: Bus, replay: Replayed) -> None:
-    """Play the beginning until it is received, so that nothing is missed; then stand there again."""
+def wait_for_link(bus: Bus, replay: Replayed) -> None:
+    """Play until something is received, so that nothing is missed later; then pause at the start."""
     replay.steered("play")
     until(lambda: bool(bus.received))
     replay.steered("pause")
     replay.steered("seek", 0.0)
     quiet = time.monotonic()
-    while bus.wait(0.5):  # whatever is still on its way
+    while bus.wait(0.5):  # discard messages in transit
         bus.drain()
         assert time.monotonic() < quiet + 10.0
 
@@ -62,12 +62,12 @@ def test_replay_publishes_every_message_exactly_with_attachment(run: Run, messag
         Bus(BusConfig(connect=(end,)), capacity=100_000) as bus,
     ):
         bus.subscribe("**")
-        receive_something(bus, replay)
+        wait_for_link(bus, replay)
         start, before = time.monotonic(), bus.received.total()
         replay.steered("play")
         result = replay.result(PATIENCE + messages[-1].wall - messages[0].wall)
         took = time.monotonic() - start
-        until(lambda: bus.received.total() - before >= len(messages))  # some may still be on their way
+        until(lambda: bus.received.total() - before >= len(messages))  # some may still be in transit
         received = bus.drain()
     assert {sample.key.partition("/")[0] for sample in received} == {"replay"}
     played = by_key([one.sample for one in messages])
@@ -82,10 +82,10 @@ def test_replay_publishes_every_message_exactly_with_attachment(run: Run, messag
     assert replay.process.returncode == 0
 
 
-def moments(run: Run, messages: list[Recorded]) -> list[tuple[float, dict[str, Any]]]:
-    """Live frames with a known error, each with a time before which exactly the messages came that are in it.
+def comparable_frames(run: Run, messages: list[Recorded]) -> list[tuple[float, dict[str, Any]]]:
+    """Return live frames with a known error, each with a time until which exactly its messages are played.
 
-    A recording has what a frame was made of before what the monitor itself said then.
+    In a recording, the messages of a frame come before the monitor's own messages of that time.
     """
     own, found = {one.key for one in OWN}, []
     output = [(number, one.wall) for number, one in enumerate(messages, 1) if one.sample.key in own]
@@ -99,7 +99,7 @@ def moments(run: Run, messages: list[Recorded]) -> list[tuple[float, dict[str, A
 
 
 def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Recorded]) -> None:
-    comparable = moments(run, messages)
+    comparable = comparable_frames(run, messages)
     assert len(comparable) >= 20
     assert max(live["error"] for _, live in comparable) > 1.0  # it moves
     chosen = comparable[:: max(1, len(comparable) // 20)]
@@ -123,7 +123,7 @@ def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Reco
     assert replay.process.returncode == 130
 
 
-def test_the_verdict_of_a_recording_is_that_of_the_run(run: Run, tmp_path: Path) -> None:
+def test_replay_result_equals_result_of_run(run: Run, tmp_path: Path) -> None:
     flags = ("--no-page", "--no-zenoh", "--speed", "100", "--json")
     with command("replay", str(run.path), *flags, folder=tmp_path) as one:
         out, _ = one.communicate(timeout=60.0)

@@ -1,4 +1,4 @@
-"""A person at the page of a real `formation replay`: a recording of a minute, and a real browser."""
+"""The page of a real `formation replay` of a recording of one minute, in a real browser."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ pytestmark = [pytest.mark.processes, pytest.mark.browser]
 BEGIN, LENGTH = 10.0, 60
 """[s]"""
 HIT = 0.3
-"""How far off a position may be that is sought on a slider of tenths [s]."""
+"""Greatest error of a position sought on a slider with steps of 0.1 s [s]."""
 REPLAY = "formation.model.frame.replay"
 AT = f"{REPLAY}.t - {REPLAY}.start"
 CLOCKS = f"[performance.now() / 1000, {AT}]"
-"""The browser's own, and where the replay is [s]."""
+"""Clock of the browser and position of the replay [s]."""
 MEANWHILE = 10
-"""Frames that come while nothing may move."""
+"""Number of frames for which the position must not change."""
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six robots that drive on, an event every second."""
+    """Record six robots that drive straight on, with an event every second."""
     path = tmp_path_factory.mktemp("recorded") / "a_minute.mcap"
     samples = Fleet().positions(BEGIN, BEGIN + LENGTH)
     for second in range(LENGTH):
@@ -56,47 +56,47 @@ def replay(recording: Path) -> Iterator[Replayed]:
 
 @contextmanager
 def playing(browser: Browser, replay: Replayed, **options: Any) -> Iterator[Page]:
-    """Its page, as soon as something is to be seen."""
+    """Open the page of a replay; yield it as soon as it has a position."""
     with watched(browser, replay.address, **options) as page:
         until(page, f"formation.model.frame && {AT} > 0")
         yield page
 
 
-def stands(page: Page) -> bool:
-    """Whether it is at the same position a good many frames later."""
+def is_still(page: Page) -> bool:
+    """Whether the replay is at the same position `MEANWHILE` frames later."""
     frames, before = page.evaluate(f"[formation.model.frames, {AT}]")
     until(page, f"formation.model.frames >= {frames + MEANWHILE}")
     return bool(page.evaluate(AT) == before)
 
 
-def is_told(page: Page, second: int) -> None:
-    """The newest event is the one of this second of the recording."""
+def wait_for_event(page: Page, second: int) -> None:
+    """Wait until the newest event is that of this second of the recording."""
     page.locator("#event-list > li").first.filter(has_text=f"second {second}").wait_for()
 
 
-def test_a_recording_is_paused_wound_and_hurried_with_the_mouse(browser: Browser, replay: Replayed) -> None:
+def test_mouse_pauses_seeks_and_speeds_up_replay(browser: Browser, replay: Replayed) -> None:
     with playing(browser, replay) as page:
         assert page.inner_text("#recording") == "▶ a_minute.mcap"
         page.click("#replay-play")
         page.locator("#connection", has_text="paused").wait_for()
-        assert stands(page)
+        assert is_still(page)
         drawn(page)
         assert page.inner_text("#replay-play") == "▶ Play"
-        assert not page.is_visible("#stale")  # though what is seen does not change
+        assert not page.is_visible("#stale")  # although the picture does not change
 
         page.locator("#replay-at").fill("20.5")
         until(page, f"Math.abs({AT} - 20.5) < {HIT}")
         page.locator("#replay-time", has_text="0:20 of").wait_for()
-        is_told(page, 20)
-        assert stands(page)
+        wait_for_event(page, 20)
+        assert is_still(page)
         page.locator("#replay-at").fill("3.5")
         until(page, f"Math.abs({AT} - 3.5) < {HIT}")
-        is_told(page, 3)
-        assert page.locator("#event-list > li").count() == 4  # those of later are not told yet
+        wait_for_event(page, 3)
+        assert page.locator("#event-list > li").count() == 4  # later events are not shown
 
         page.select_option("#replay-speed", "10")
         until(page, f"{REPLAY}.speed === 10")
-        assert stands(page)
+        assert is_still(page)
         page.click("#replay-play")
         until(page, f"{AT} > 4")
         then, before = page.evaluate(CLOCKS)
@@ -107,14 +107,14 @@ def test_a_recording_is_paused_wound_and_hurried_with_the_mouse(browser: Browser
         assert page.inner_text("#replay-play") == "Ⅱ Pause"
 
 
-def test_it_is_steered_with_the_keyboard_alone(browser: Browser, replay: Replayed) -> None:
+def test_keyboard_pauses_seeks_and_speeds_up_replay(browser: Browser, replay: Replayed) -> None:
     with playing(browser, replay) as page:
         page.focus("#replay-play")
         page.keyboard.press("Space")
         page.locator("#connection", has_text="paused").wait_for()
-        assert stands(page)
+        assert is_still(page)
         page.keyboard.press("Tab")
-        page.keyboard.press("2")  # as it begins
+        page.keyboard.press("2")  # the first character of the option
         until(page, f"{REPLAY}.speed === 2")
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.id") == "replay-at"
@@ -124,14 +124,14 @@ def test_it_is_steered_with_the_keyboard_alone(browser: Browser, replay: Replaye
         until(page, f"{AT} < {HIT}")
         page.keyboard.press("PageUp")
         until(page, f"{AT} > 1")
-        assert stands(page)
+        assert is_still(page)
         page.focus("#replay-play")
         page.keyboard.press("Enter")
         here = page.evaluate(AT)
         until(page, f"{AT} > {here} + 1")
 
 
-def test_a_replay_that_dies_is_not_taken_for_one_that_stands(browser: Browser, replay: Replayed) -> None:
+def test_page_of_paused_replay_reports_its_death(browser: Browser, replay: Replayed) -> None:
     with playing(browser, replay, tolerated="net::ERR") as page:
         page.click("#replay-play")
         page.locator("#connection", has_text="paused").wait_for()

@@ -1,4 +1,4 @@
-"""`formation report` of a real run: the monitor's own figures, in a real browser that has no network."""
+"""`formation report` of a real run: the monitor's own metrics, in a real browser without network."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_report_equals_monitor_metrics_and_needs_no_network(
     assert run["messages"] == live["recorded"]
     if live["settling_time"] is None:
         assert run["settling_time"] is None
-    else:  # live on the monotonic clock, here on the system's
+    else:  # live by the monotonic clock, here by the system clock
         assert run["settling_time"] == pytest.approx(live["settling_time"], abs=2e-3)
 
     requested: list[str] = []

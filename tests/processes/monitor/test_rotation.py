@@ -18,7 +18,7 @@ ROTATION = Rotation(time=2.0)
 
 @pytest.fixture
 def parts(tmp_path: Path) -> tuple[Path, ...]:
-    """Eleven seconds of a fleet in parts of two."""
+    """Record eleven seconds of a fleet in parts of two seconds."""
     with recorder(tmp_path / "run.mcap", rotation=ROTATION) as recording:
         for sample in Fleet().positions(10.0, 21.0):
             recording.write(sample, sample.arrived + EPOCH)
@@ -28,7 +28,7 @@ def parts(tmp_path: Path) -> tuple[Path, ...]:
     return recording.paths
 
 
-def test_parts_are_numbered_and_each_is_complete_in_itself(parts: tuple[Path, ...]) -> None:
+def test_parts_are_numbered_and_each_is_a_complete_file(parts: tuple[Path, ...]) -> None:
     assert [path.name for path in parts] == ["run.mcap", *(f"run-{n}.mcap" for n in range(2, len(parts) + 1))]
     assert 4 <= len(parts) <= 6
     topics = set()
@@ -46,7 +46,7 @@ def test_parts_are_numbered_and_each_is_complete_in_itself(parts: tuple[Path, ..
     assert len(topics) == 1
 
 
-def test_each_part_says_which_one_it_is_and_what_came_before(parts: tuple[Path, ...]) -> None:
+def test_part_metadata_names_its_number_and_previous_part(parts: tuple[Path, ...]) -> None:
     result = [about_of(path) for path in parts]
     assert [one["part"] for one in result] == [str(n + 1) for n in range(len(parts))]
     assert [one["previous"] for one in result] == ["", *(path.name for path in parts[:-1])]
@@ -67,7 +67,7 @@ def test_any_part_opens_the_complete_recording(parts: tuple[Path, ...], which: i
     assert not recording.is_cut()
 
 
-def test_sequence_numbers_go_on_over_the_seam(parts: tuple[Path, ...]) -> None:
+def test_sequence_numbers_continue_in_next_part(parts: tuple[Path, ...]) -> None:
     numbers: dict[str, list[int]] = {}
     for path in parts:
         with path.open("rb") as stream:
@@ -86,7 +86,7 @@ def test_truncated_or_missing_parts_leave_the_others_readable(parts: tuple[Path,
     assert recording.extent().counts.total() == len(list(recording.messages()))
 
 
-def test_a_recovered_part_stands_in_for_nothing_but_itself(parts: tuple[Path, ...]) -> None:
+def test_recovered_copy_of_part_is_not_another_part(parts: tuple[Path, ...]) -> None:
     parts[-1].write_bytes(parts[-1].read_bytes()[:-200])
     out = parts[-1].with_name(f"{parts[-1].stem}-recovered.mcap")
     recover(parts[-1], out)
@@ -94,7 +94,7 @@ def test_a_recovered_part_stands_in_for_nothing_but_itself(parts: tuple[Path, ..
     assert read(parts[0]).parts == parts
 
 
-def test_recordings_of_the_same_day_are_not_taken_for_each_other(tmp_path: Path) -> None:
+def test_recordings_with_similar_names_stay_separate(tmp_path: Path) -> None:
     names = ["day-101500.mcap", "day-101501.mcap", "day.mcap", "day-2.mcap"]
     for name in names:
         with recorder(tmp_path / name):
@@ -114,7 +114,7 @@ def test_part_of_another_recording_is_not_included(parts: tuple[Path, ...], tmp_
     assert read(folder / "run-2.mcap").parts == (folder / "run-2.mcap",)
 
 
-def test_what_counts_as_recorded_never_gets_less_at_a_seam(tmp_path: Path) -> None:
+def test_recorded_count_never_decreases_at_next_part(tmp_path: Path) -> None:
     counted, sizes = [0], [0]
     with recorder(tmp_path / "run.mcap", rotation=ROTATION) as recording:
         for sample in Fleet().positions(10.0, 16.0):
@@ -129,7 +129,7 @@ def test_what_counts_as_recorded_never_gets_less_at_a_seam(tmp_path: Path) -> No
     assert sizes == sorted(sizes)
 
 
-def test_a_part_never_overwrites_what_is_there(tmp_path: Path) -> None:
+def test_new_part_does_not_overwrite_existing_file(tmp_path: Path) -> None:
     (tmp_path / "run-2.mcap").write_text("dear")
     with recorder(tmp_path / "run.mcap", rotation=ROTATION) as recording:
         for sample in Fleet().positions(10.0, 14.0):
@@ -140,7 +140,7 @@ def test_a_part_never_overwrites_what_is_there(tmp_path: Path) -> None:
     assert len(read(tmp_path / "run.mcap").parts) == len(recording.paths)
 
 
-def test_a_part_ends_before_it_is_longer_than_wished(tmp_path: Path) -> None:
+def test_parts_stay_within_rotation_size(tmp_path: Path) -> None:
     with recorder(tmp_path / "run.mcap", rotation=Rotation(size=60_000)) as recording:
         for sample in Fleet().positions(10.0, 40.0):
             recording.write(sample, sample.arrived)
@@ -155,22 +155,22 @@ def test_a_part_ends_before_it_is_longer_than_wished(tmp_path: Path) -> None:
     ("text", "size"),
     [("100MB", 1e8), ("1 GB", 1e9), ("1.5gb", 1.5e9), ("1GiB", 2**30), ("500kB", 5e5), ("off", None)],
 )
-def test_sizes_have_familiar_units(text: str, size: float | None) -> None:
+def test_size_units_are_parsed(text: str, size: float | None) -> None:
     assert of_size(text) == size
 
 
 @pytest.mark.parametrize(("text", "time"), [("90s", 90.0), ("30min", 1800.0), ("2h", 7200.0), ("off", None)])
-def test_times_have_familiar_units(text: str, time: float | None) -> None:
+def test_time_units_are_parsed(text: str, time: float | None) -> None:
     assert of_time(text) == time
 
 
 @pytest.mark.parametrize("text", ["1", "GB", "-1GB", "1TBs", "", "0", "1 kB", "nan GB", "٣GB"])
-def test_what_is_no_size_is_told_what_would_be(text: str) -> None:
+def test_invalid_size_error_names_valid_forms(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=r"(kB, MB, GB, KiB, MiB, GiB\).*|100kB), or off"):
         of_size(text)
 
 
-def test_what_is_no_recording_among_the_parts_is_passed_over(tmp_path: Path) -> None:
+def test_reading_invalid_file_raises_unreadable_error(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_text("no")
     with pytest.raises(UnreadableError):
         read(tmp_path / "run.mcap")

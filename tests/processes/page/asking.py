@@ -1,4 +1,4 @@
-"""Somebody who asks the page's server for something, and who stands behind it."""
+"""Requests to the page's server, and stand-ins for the operator and the replay behind it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ JSON = {"content-type": "application/json"}
 BEARER = {**JSON, "authorization": f"Bearer {TOKEN}"}
 
 
-class Driven:
-    """Takes every velocity, and remembers it; each answer has the next token."""
+class DriveRecorder:
+    """Accepts and records every velocity; each answer has the next token."""
 
     def __init__(self) -> None:
         self.driven: list[tuple[float, float, int]] = []
@@ -36,8 +36,8 @@ class Driven:
         }
 
 
-class Orders(Driven):
-    """Takes every order, and remembers it."""
+class OrderRecorder(DriveRecorder):
+    """Accepts and records every order."""
 
     token = TOKEN
 
@@ -57,7 +57,7 @@ class Orders(Driven):
 
 
 class Player:
-    """Takes every wish."""
+    """Accepts and records every request to a replay."""
 
     def __init__(self) -> None:
         self.wishes: list[tuple[str, float | None]] = []

@@ -1,4 +1,4 @@
-"""`python -m tests.processes.page.screenshots FOLDER`: the pictures of the page in the README."""
+"""`python -m tests.processes.page.screenshots FOLDER`: save the README's pictures of the page."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from tests.support.launched import started
 from tests.support.served import browsing, until, watched
 
 
-def of_a_run(browser: Browser, folder: Path) -> int:
-    """Two pictures of a real run, for the README; how many messages a busy machine has missed until then."""
+def save_pictures(browser: Browser, folder: Path) -> int:
+    """Save two pictures of a real run; return how many messages the monitor has missed until then."""
     with (
         tempfile.TemporaryDirectory() as scratch,
         started("six_robots", "--control", "--page", "127.0.0.1:0", folder=Path(scratch)) as process,
@@ -36,7 +36,7 @@ def of_a_run(browser: Browser, folder: Path) -> int:
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with browsing() as browser:
-        print(f"page_six_robots.png, page_phone.png: {of_a_run(browser, folder)} messages missed")
+        print(f"page_six_robots.png, page_phone.png: {save_pictures(browser, folder)} messages missed")
 
 
 if __name__ == "__main__":

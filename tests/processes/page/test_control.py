@@ -1,4 +1,4 @@
-"""The operator behind the page, and a team that hears him: agents' own latches and leader, in memory."""
+"""The page's operator, with a team in memory: the latches of the agents, and a leader."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SIX = load("six_robots")
 
 
 class Team:
-    """Hears what is put, robot by robot, in the order in which it is put."""
+    """Passes each request to the leader and the latches, robot by robot, in the order of sending."""
 
     def __init__(self) -> None:
         self.leader = leading(SIX)
@@ -53,10 +53,10 @@ class Team:
     def close(self) -> None:
         self.closed = True
 
-    def leaders(self) -> Mode:
+    def leader_mode(self) -> Mode:
         return self.leader.mode
 
-    def modes(self) -> dict[str, Mode | None]:
+    def latch_modes(self) -> dict[str, Mode | None]:
         return {name: latch.mode for name, latch in self.latches.items()}
 
     def wait_for(self, what: Callable[[], bool]) -> None:
@@ -81,9 +81,9 @@ def events() -> list[Event]:
 
 @pytest.fixture
 def operator(team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch) -> Operator:
-    monkeypatch.setattr(control, "UNSEEN_STOP_TIME", 0.0)  # these tests look before they click
+    monkeypatch.setattr(control, "UNSEEN_STOP_TIME", 0.0)  # orders right after a stop are not refused
     monkeypatch.setattr(control, "DOUBLE_CLICK_TIME", 0.0)
-    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 20.0)  # until a busy machine lets robots return
+    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 20.0)  # robots return within it on a busy machine
     return Operator(SIX, team, events.append)
 
 
@@ -93,7 +93,7 @@ def pages() -> Iterator[ThreadPoolExecutor]:
         yield pages
 
 
-def begun(
+def start_order(
     pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
 ) -> Future[dict[str, Any]]:
     before = len(team.received)
@@ -109,28 +109,28 @@ def test_stop_reaches_all_robots_and_each_acknowledges(
     assert [one["robot"] for one in report["acknowledged"]] == list(SIX.names)
     assert {one["mode"] for one in report["acknowledged"]} == {"stop"}
     assert (report["do"], report["missing"], team.leader.mode) == ("stop", [], "stop")
-    assert set(team.modes().values()) == {"stop"}
+    assert set(team.latch_modes().values()) == {"stop"}
     (event,) = events
     assert (event.level, event.robot, event.kind) == (INFO, "", "operator")
     assert event.text.startswith("stop: 6 of 6 obey, slowest ")
 
 
-def test_orders_reach_the_team_as_from_the_command_line(operator: Operator, team: Team) -> None:
+def test_orders_change_modes_and_shape(operator: Operator, team: Team) -> None:
     assert [one["robot"] for one in operator.order("hold")["acknowledged"]] == list(SIX.names)
-    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+    assert (team.leader_mode(), set(team.latch_modes().values())) == ("hold", {"hold"})
     operator.order("run")
-    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
+    assert (team.leader_mode(), set(team.latch_modes().values())) == ("run", {None})
     report = operator.order("shape", shape="wedge")
     assert (report["shape"], team.leader.plan.shape_transition.wish.shape) == ("wedge", "wedge")
     operator.order("stop")
     report = operator.order("release")
     assert report["advice"] == ["all robots hold until you order run"]
-    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+    assert (team.leader_mode(), set(team.latch_modes().values())) == ("hold", {"hold"})
     operator.order("run")
-    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
+    assert (team.leader_mode(), set(team.latch_modes().values())) == ("run", {None})
 
 
-def test_unreachable_robots_are_named(
+def test_unreachable_robots_are_named_in_report_and_event(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 0.1)
@@ -142,7 +142,9 @@ def test_unreachable_robots_are_named(
     assert "no answer from robot3, robot6" in events[0].text
 
 
-def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
+def test_refusal_is_reported_as_event_with_reason(
+    operator: Operator, team: Team, events: list[Event]
+) -> None:
     team.leader.request(b'{"do":"stop"}', 0.0)
     assert [one["robot"] for one in operator.order("run")["refused"]] == [SIX.leader]
     assert f"{SIX.leader} refuses: stopped: release it first" in events[0].text
@@ -152,43 +154,43 @@ def test_stop_is_sent_while_hold_awaits_its_answer(
     operator: Operator, team: Team, pages: ThreadPoolExecutor
 ) -> None:
     team.away = {SIX.leader}
-    hold = begun(pages, operator, team, "hold")
+    hold = start_order(pages, operator, team, "hold")
     team.away = set()
     before = time.monotonic()
     operator.order("stop")
     assert time.monotonic() - before < control.ANSWER_TIMEOUT_SECONDS / 2
     hold.result(20.0)
-    assert set(team.modes().values()) == {"stop"}
+    assert set(team.latch_modes().values()) == {"stop"}
 
 
-def test_returning_robot_never_hears_release_before_stop(
+def test_release_is_not_repeated_after_newer_stop(
     operator: Operator, team: Team, pages: ThreadPoolExecutor
 ) -> None:
     operator.order("stop")
     team.away = {"robot6"}
-    release = begun(pages, operator, team, "release")
-    stop = begun(pages, operator, team, "stop")
+    release = start_order(pages, operator, team, "release")
+    stop = start_order(pages, operator, team, "stop")
     team.away = set()
     assert stop.result(20.0)["missing"] == []
     assert "robot6" in release.result(20.0)["missing"]
-    assert set(team.modes().values()) == {"stop"}
+    assert set(team.latch_modes().values()) == {"stop"}
     first = team.received.index(team.received[-1])
-    assert set(team.received[first:]) == {team.received[-1]}  # once it was put, nothing else
+    assert set(team.received[first:]) == {team.received[-1]}  # nothing else is sent after the stop
 
 
 def test_release_is_refused_while_stop_is_being_sent(
     operator: Operator, team: Team, pages: ThreadPoolExecutor
 ) -> None:
     team.away = {"robot6"}
-    stop = begun(pages, operator, team, "stop")
+    stop = start_order(pages, operator, team, "stop")
     with pytest.raises(Overruled):
         operator.order("release")
     team.away = set()
     assert stop.result(20.0)["missing"] == []
-    assert set(team.modes().values()) == {"stop"}
+    assert set(team.latch_modes().values()) == {"stop"}
 
 
-def test_a_double_click_on_release_leaves_the_team_held(
+def test_double_click_sends_release_once(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "UNSEEN_STOP_TIME", 0.0)
@@ -202,14 +204,14 @@ def test_a_double_click_on_release_leaves_the_team_held(
     assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
 
 
-def test_two_pages_that_click_at_once_wait_for_the_same_answers(
+def test_same_order_of_two_pages_has_one_report(
     team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "DOUBLE_CLICK_TIME", 60.0)
     monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 20.0)
     operator = Operator(SIX, team, events.append)
     team.away = {SIX.leader}
-    first = begun(pages, operator, team, "run")
+    first = start_order(pages, operator, team, "run")
     second = pages.submit(operator.order, "run")
     team.away = set()
     assert first.result(20.0) is second.result(20.0)
@@ -225,7 +227,7 @@ def test_two_pages_that_click_at_once_wait_for_the_same_answers(
         ("stop", "wedge", "takes no shape"),
     ],
 )
-def test_what_cannot_be_ordered_is_not_asked(
+def test_bad_order_is_refused_and_not_sent(
     operator: Operator, team: Team, do: str, shape: str | None, result: str
 ) -> None:
     with pytest.raises(ValueError, match=result):
@@ -233,13 +235,13 @@ def test_what_cannot_be_ordered_is_not_asked(
     assert team.received == []
 
 
-def test_every_start_has_another_token(team: Team, events: list[Event]) -> None:
+def test_each_operator_has_new_token(team: Team, events: list[Event]) -> None:
     tokens = {Operator(SIX, team, events.append).token for _ in range(20)}
     assert len(tokens) == 20
     assert min(map(len, tokens)) >= 43  # 256 bits
 
 
-def test_outdated_page_may_only_stop_and_hold(
+def test_outdated_page_may_stop_but_not_run_or_release(
     operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = time.time()
@@ -249,11 +251,11 @@ def test_outdated_page_may_only_stop_and_hold(
         with pytest.raises(Overruled, match="shows what was 10 s ago"):
             operator.order(do, seen=seen)
     assert team.received == []
-    assert operator.order("run", seen=now + 5.0)["missing"] == []  # a clock that was set back
+    assert operator.order("run", seen=now + 5.0)["missing"] == []  # the clock was set back
     assert operator.order("stop", seen=seen)["missing"] == []
 
 
-def test_a_configuration_that_is_not_there_is_named_by_its_flag(tmp_path: Path, events: list[Event]) -> None:
+def test_missing_configuration_is_named_by_its_flag(tmp_path: Path, events: list[Event]) -> None:
     missing = tmp_path / "operator.json5"
     with pytest.raises(BusError, match=r"^--control-config .*operator\.json5"):
         control.on_the_bus(SIX, events.append, own_file=missing)
@@ -261,15 +263,17 @@ def test_a_configuration_that_is_not_there_is_named_by_its_flag(tmp_path: Path, 
         control.on_the_bus(SIX, events.append, file=missing)
 
 
-def test_closed_control_sends_no_requests(operator: Operator, team: Team, pages: ThreadPoolExecutor) -> None:
+def test_close_ends_pending_order_and_closes_bus(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
     team.away = {"robot6"}
-    stop = begun(pages, operator, team, "stop")
+    stop = start_order(pages, operator, team, "stop")
     operator.close()
     assert stop.result(20.0)["missing"] == ["robot6"]
     assert team.closed
 
 
-def test_second_click_reports_the_failure_too(
+def test_second_click_reports_failure_again(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: object) -> Question:
@@ -282,20 +286,20 @@ def test_second_click_reports_the_failure_too(
             operator.order("hold", click="c")
 
 
-def test_overtaken_order_is_not_sent(
+def test_order_overtaken_by_stop_is_not_sent(
     operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    at_the_door, put = threading.Event(), operator._put
+    put_reached, put = threading.Event(), operator._put
 
-    def held_up(*question: Any) -> Any:
-        at_the_door.set()
+    def announced_put(*question: Any) -> Any:
+        put_reached.set()
         return put(*question)
 
-    monkeypatch.setattr(operator, "_put", held_up)
+    monkeypatch.setattr(operator, "_put", announced_put)
     with operator._lock:
         given, _ = operator._precedence.give(intent.request_for(SIX, "run"), 0.0)
-        run = pages.submit(operator._give, given)  # looks whether it is over, and then waits for the lock
-        assert at_the_door.wait(20.0)
+        run = pages.submit(operator._give, given)  # checks whether it is over, then waits for the lock
+        assert put_reached.wait(20.0)
         operator._precedence.give(intent.request_for(SIX, "stop"), 1.0)
     run.result(20.0)
     assert given.over

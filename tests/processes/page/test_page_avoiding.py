@@ -1,4 +1,4 @@
-"""What stands about is on the map where it is known, and a robot that avoids it is shown in the table."""
+"""The page draws posts and walls on the map, and shows avoiding robots in the table."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ PIXELS = """((places) => {
   const pixel = ([x, y]) => [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
   return camera.placed && !requested && places.map(pixel);
 })"""
-"""Return the pixels at some places once all is drawn: setting the size of a canvas empties it."""
+"""Returns the pixels at some places once all is drawn: setting the size of a canvas empties it."""
 
 
-def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
+def test_map_draws_posts_and_walls_in_place(browser: Browser) -> None:
     found = {}
     for things in (True, False):
         scene = Scene(6)
@@ -31,7 +31,7 @@ def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
     assert not set(found[True]) & set(found[False])
 
 
-def test_row_shows_avoiding_blocked_and_unavailable_robots(browser: Browser) -> None:
+def test_row_shows_avoiding_blocked_and_unavailable_robot(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
         one.scene.avoiding = {"robot3": AVOIDING["avoids"], "robot4": AVOIDING["blocked"]}
         one.scene.unavailable.add("robot4")

@@ -1,4 +1,4 @@
-"""What befalls many robots at once is one line of the page's list of events."""
+"""The page's list of events folds similar events of many robots into one line."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ CROWD = 100
 
 @pytest.fixture
 def desk() -> Iterator[Served]:
-    """Six robots, of which little is shown."""
+    """A page of six robots with one frame."""
     with served(Scene(6)) as one:
         one.feed()
         yield one
 
 
-def begin(desk: Served) -> None:
-    """A hundred robots join and run, all within a second; the leader has ordered it before."""
+def note_start(desk: Served) -> None:
+    """Note an order of the leader; then a hundred robots join and run within one second."""
     desk.note(event(0, 0.0, "order", "", "the leader orders run, shape hexagon"))
     for n in range(CROWD):
         desk.note(event(1 + 2 * n, 0.009 * n, "joined", f"robot{n + 1}", "its position is received"))
@@ -32,15 +32,15 @@ def begin(desk: Served) -> None:
 
 
 def rows(page: Page) -> list[str]:
-    """What stands in each line, whatever can be opened in it left out."""
+    """Text of each line, without its folded details."""
     texts: list[str] = page.locator("#event-list > li > .text").evaluate_all(
         "(texts) => texts.map((one) => (one.querySelector('summary') ?? one).textContent)"
     )
     return texts
 
 
-def test_a_hundred_robots_that_begin_are_two_lines_and_hide_nothing(browser: Browser, desk: Served) -> None:
-    begin(desk)
+def test_events_of_hundred_robots_fold_into_two_lines(browser: Browser, desk: Served) -> None:
+    note_start(desk)
     with watched(browser, desk.address) as page:
         assert rows(page) == [
             "robot1, robot2 and 98 more",
@@ -55,7 +55,7 @@ def test_a_hundred_robots_that_begin_are_two_lines_and_hide_nothing(browser: Bro
         assert rows(page) == ["robot1, robot2 and 98 more: its position is received"]
 
 
-def test_a_line_grows_while_they_come_and_stays_open(browser: Browser, desk: Served) -> None:
+def test_open_line_grows_with_new_events_and_stays_open(browser: Browser, desk: Served) -> None:
     for n in range(3):
         desk.note(event(n, 0.1 * n, "joined", f"robot{n + 1}", "heard"))
     with watched(browser, desk.address) as page:
@@ -69,7 +69,7 @@ def test_a_line_grows_while_they_come_and_stays_open(browser: Browser, desk: Ser
         assert rows(page) == ["robot5: heard", "robot1, robot2 and 2 more: heard"]
 
 
-def test_serious_or_formation_events_keep_own_lines(browser: Browser, desk: Served) -> None:
+def test_errors_warnings_and_team_events_keep_own_lines(browser: Browser, desk: Served) -> None:
     reported = [
         event(0, 0.0, "lost", "robot2", "silent for 1.0 s", 40),
         event(1, 0.1, "lost", "robot3", "silent for 1.1 s", 40),

@@ -1,4 +1,4 @@
-"""The live page fits every screen, can be read by everybody, and does without a mouse."""
+"""The live page fits every screen, has enough contrast and works without a mouse."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any, Literal
 import pytest
 from playwright.sync_api import Browser
 
-from tests.processes.page.asking import Driven
+from tests.processes.page.asking import DriveRecorder
 from tests.processes.page.scene import Scene, event
 from tests.support.served import NO_SNAPSHOT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 WIDTHS = ((360, 740), (390, 844), (820, 1180), (1024, 768), (1280, 800), (1920, 1080), (3840, 2160))
 TABS = ("map", "robots", "events")
-LEAST = 4.5
-"""Contrast of words, as WCAG 2 level AA wants it."""
+LEAST_CONTRAST = 4.5
+"""Least contrast of text by WCAG 2, level AA."""
 STICKS_OUT = """() => {
   const wide = document.documentElement.clientWidth;
   const seen = (element) => element.checkVisibility() && !element.closest('.unseen, .skip, option, .uplot');
@@ -50,22 +50,22 @@ CONTRASTS = """() => {
 }"""
 
 
-class Nobody(Driven):
-    """Takes orders, and nobody answers."""
+class NoAnswer(DriveRecorder):
+    """Accepts orders that no robot answers."""
 
-    token = "secret"  # noqa: S105 - nobody is kept out by it
+    token = "secret"  # noqa: S105 - it protects nothing
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
-        """What `formation order --json` says."""
+        """Return a report as `formation order --json` prints it."""
         del what, click, seen
         return {"do": do, "acknowledged": [], "refused": [], "missing": ["robot1"], "why": "nobody is there"}
 
 
 @pytest.fixture(scope="module")
 def crowd() -> Iterator[Served]:
-    """Thirty robots in every state, in a moment that stays."""
+    """A page of thirty robots in different states, without new frames."""
     scene = Scene(30, control=True)
-    with served(scene, Nobody()) as one:
+    with served(scene, NoAnswer()) as one:
         one.feed(12)
         scene.silent["robot5"] = scene.time
         scene.state["robot3"] = ("hold", "no neighbour is fresh: robot1 0.31 s, robot2 0.25 s")
@@ -78,13 +78,13 @@ def crowd() -> Iterator[Served]:
         yield one
 
 
-def shown(browser: Browser, crowd: Served, **context: Any) -> Any:
+def opened(browser: Browser, crowd: Served, **context: Any) -> Any:
     return watched(browser, f"{crowd.address}#token=secret", **context)
 
 
 @pytest.mark.parametrize(("width", "height"), WIDTHS)
-def test_nothing_sticks_out_at_any_width(browser: Browser, crowd: Served, width: int, height: int) -> None:
-    with shown(browser, crowd, viewport={"width": width, "height": height}) as page:
+def test_page_fits_screen(browser: Browser, crowd: Served, width: int, height: int) -> None:
+    with opened(browser, crowd, viewport={"width": width, "height": height}) as page:
         page.locator("#robot-rows .reason", has_text="fresh").wait_for(state="attached")
         for tab in TABS if width < 1000 else TABS[:1]:
             if width < 1000:
@@ -96,7 +96,7 @@ def test_nothing_sticks_out_at_any_width(browser: Browser, crowd: Served, width:
 
 
 @pytest.mark.parametrize("width", [360, 1280])
-def test_the_longest_names_and_reasons_have_room(browser: Browser, width: int) -> None:
+def test_longest_names_and_reasons_fit(browser: Browser, width: int) -> None:
     scene = Scene(6, control=True)
     long = "x" * 64
     hello = scene.hello() | {"mission": long, "shapes": {long: [], "line": []}}
@@ -105,7 +105,7 @@ def test_the_longest_names_and_reasons_have_room(browser: Browser, width: int) -
     scene.state["robot4"] = ("readonly: would hold", "no two odometry messages within 0.15 s " * 4)
     viewport = {"width": width, "height": 800}
     with (
-        served(scene, Nobody()) as one,
+        served(scene, NoAnswer()) as one,
         watched(browser, f"{one.address}#token=secret", viewport=viewport) as page,
     ):
         one.feed(5)
@@ -117,7 +117,7 @@ def test_the_longest_names_and_reasons_have_room(browser: Browser, width: int) -
 
 
 @pytest.mark.parametrize("width", [360, 390, 1000, 1280])
-def test_the_longest_figures_have_room(browser: Browser, width: int) -> None:
+def test_longest_figures_fit(browser: Browser, width: int) -> None:
     scene = Scene(6, control=True)
     long = scene.frame() | {
         "elapsed": 35999.0, "error": 88.88, "true": 88.88, "settled_at": 35999.9, "converged": True,
@@ -125,7 +125,7 @@ def test_the_longest_figures_have_room(browser: Browser, width: int) -> None:
     }  # fmt: skip
     long["recording"] |= {"seconds": 35999.0, "bytes": 987_654_321, "failure": "No space left on device"}
     viewport = {"width": width, "height": 740}
-    with served(scene, Nobody()) as one, watched(browser, one.address, viewport=viewport) as page:
+    with served(scene, NoAnswer()) as one, watched(browser, one.address, viewport=viewport) as page:
         one.source.show(long, NO_SNAPSHOT)
         page.locator("#elapsed", has_text="9:59:59").wait_for()
         assert page.is_visible("#token-form")
@@ -134,15 +134,15 @@ def test_the_longest_figures_have_room(browser: Browser, width: int) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(390, 844), (1280, 800)])
-def test_every_word_stands_out(
+def test_text_has_enough_contrast(
     browser: Browser, crowd: Served, scheme: Literal["light", "dark"], size: tuple[int, int]
 ) -> None:
     viewport = {"width": size[0], "height": size[1]}
-    with shown(browser, crowd, viewport=viewport, color_scheme=scheme) as page:
+    with opened(browser, crowd, viewport=viewport, color_scheme=scheme) as page:
         page.locator("#robot-rows .reason", has_text="fresh").wait_for(state="attached")
         page.click('[data-do="stop"]')
         page.locator("#acknowledgements li", has_text="NO ANSWER").wait_for()
-        page.click('[data-do="run"]')  # it asks back
+        page.click('[data-do="run"]')  # shows the request for a second click
         page.evaluate("formation.model.choose('robot2')")
         page.evaluate("document.getElementById('recording-failure').hidden = false")
         for tab in TABS if size[0] < 1000 else TABS[:1]:
@@ -150,16 +150,16 @@ def test_every_word_stands_out(
                 page.click(f'[data-shows="{tab}"]')
             measured = page.evaluate(CONTRASTS)
             assert len(measured) > 10
-            assert [one for one in measured if one[0] < LEAST] == []
+            assert [one for one in measured if one[0] < LEAST_CONTRAST] == []
         dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(13, 18, 22)"
         assert dark == (scheme == "dark")
 
 
-def test_the_switch_changes_light_and_dark_and_is_remembered(browser: Browser, crowd: Served) -> None:
+def test_theme_button_changes_colours_and_is_remembered(browser: Browser, crowd: Served) -> None:
     colour = "getComputedStyle(document.body).backgroundColor"
-    with shown(browser, crowd, color_scheme="light") as page:
+    with opened(browser, crowd, color_scheme="light") as page:
         light = page.evaluate(colour)
-        page.click("#theme")  # light
+        page.click("#theme")  # sets light
         assert page.evaluate(colour) == light
         page.click("#theme")
         assert page.evaluate(colour) != light
@@ -168,8 +168,8 @@ def test_the_switch_changes_light_and_dark_and_is_remembered(browser: Browser, c
         assert page.evaluate(colour) != light
 
 
-def test_tab_key_reaches_everything_with_visible_focus(browser: Browser, crowd: Served) -> None:
-    with shown(browser, crowd) as page:
+def test_tab_key_reaches_every_control_with_visible_focus(browser: Browser, crowd: Served) -> None:
+    with opened(browser, crowd) as page:
         page.locator("#robot-rows .reason", has_text="fresh").wait_for(state="attached")
         wanted = page.evaluate(
             "[...document.querySelectorAll('a[href], button, input, select, [tabindex=\"0\"]')]"
@@ -187,8 +187,8 @@ def test_tab_key_reaches_everything_with_visible_focus(browser: Browser, crowd: 
         assert len({name for name in reached if not name.startswith("<body")}) >= wanted
 
 
-def test_the_first_tab_offers_to_skip_to_the_robots(browser: Browser, crowd: Served) -> None:
-    with shown(browser, crowd) as page:
+def test_first_tab_offers_skip_link_to_robots(browser: Browser, crowd: Served) -> None:
+    with opened(browser, crowd) as page:
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.className") == "skip"
         page.keyboard.press("Enter")

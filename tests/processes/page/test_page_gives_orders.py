@@ -1,4 +1,4 @@
-"""The page's buttons: who sees them, what they send, and what is said of the answers."""
+"""The page's controls: when they are shown, what they send, and how answers are shown."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, Route
 
-from tests.processes.page.asking import Driven
+from tests.processes.page.asking import DriveRecorder
 from tests.processes.page.scene import EPOCH, Scene
 from tests.support.child import PATIENCE
 from tests.support.served import PATIENT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
-TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
+TOKEN = "a-token-for-tests"  # noqa: S105 - it protects nothing
 POST = "fetch('api/order', {method: 'POST', body: '{}'}).then((answer) => answer.status)"
 ESCAPE = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))"
 REFUSED = "status of 401"
-"""What a browser writes to its console about that."""
+"""Text in the browser's console about a refused request."""
 
 
-class Fleet(Driven):
-    """Remembers what it was told; the fourth robot does not answer, the fifth refuses."""
+class Fleet(DriveRecorder):
+    """Records orders and velocities; the fourth robot does not answer, the fifth refuses."""
 
     token = TOKEN
 
@@ -36,9 +36,9 @@ class Fleet(Driven):
         self.seen: list[float | None] = []
         self.clicks: set[str] = set()
         self.slow: dict[str, threading.Event] = {}
-        """What an order waits for before it is answered."""
+        """Event for which the answer to an order waits, by order."""
         self.zero = threading.Event()
-        """What a velocity of zero waits for before it is answered."""
+        """Event for which the answer to a zero velocity waits."""
         self.zero.set()
 
     def drive(self, **how: Any) -> dict[str, Any]:
@@ -48,14 +48,14 @@ class Fleet(Driven):
         return answer
 
     def wait_for(self, what: Callable[[], bool], page: Page) -> None:
-        """Wait until so much has come from the page."""
+        """Wait until `what` holds."""
         deadline = time.monotonic() + PATIENCE
         while not what():
             assert time.monotonic() < deadline, self.driven[-5:]
             page.wait_for_timeout(20)
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
-        """What `formation order --json` says."""
+        """Return a report as `formation order --json` prints it."""
         self.requested.append((do, what.get("shape")))
         self.legs += [what["legs"]] if what.get("legs") else []
         self.seen.append(seen)
@@ -70,7 +70,7 @@ class Fleet(Driven):
 
 
 class Player:
-    """A replay that remembers what it was told."""
+    """Records requests to a replay."""
 
     def __init__(self) -> None:
         self.requested: list[tuple[str, float | None]] = []
@@ -93,13 +93,13 @@ def controlled(fleet: Fleet) -> Iterator[Served]:
 
 
 @contextmanager
-def invited(browser: Browser, one: Served, tolerated: str = "") -> Iterator[Page]:
+def opened_with_token(browser: Browser, one: Served, tolerated: str = "") -> Iterator[Page]:
     with watched(browser, f"{one.address}#token={TOKEN}", before=PATIENT, tolerated=tolerated) as page:
         page.wait_for_selector('[data-do="stop"]', state="visible")
         yield page
 
 
-def test_without_control_there_are_no_buttons_and_no_shortcut(browser: Browser) -> None:
+def test_page_without_control_has_no_buttons_and_no_shortcut(browser: Browser) -> None:
     with served(Scene(6)) as plain, watched(browser, plain.address, tolerated="status of 40") as page:
         plain.feed()
         until(page, "formation.model.frames > 0")
@@ -112,17 +112,17 @@ def test_without_control_there_are_no_buttons_and_no_shortcut(browser: Browser) 
         assert posts == [f"{plain.address}api/order"]
 
 
-def test_token_leaves_address_and_stays_with_tab(browser: Browser, controlled: Served) -> None:
-    with invited(browser, controlled) as page:
+def test_token_leaves_address_and_survives_reload(browser: Browser, controlled: Served) -> None:
+    with opened_with_token(browser, controlled) as page:
         assert page.url == controlled.address
         page.reload()
         page.wait_for_selector('[data-do="stop"]', state="visible")
 
 
-def test_stop_takes_one_tap_and_lists_disobedient_first(
+def test_stop_takes_one_click_and_lists_failures_first(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:
-    with invited(browser, controlled) as page:
+    with opened_with_token(browser, controlled) as page:
         until(page, "formation.model.frames > 0")
         page.click('[data-do="stop"]')
         result = page.locator("#acknowledgements li")
@@ -136,20 +136,20 @@ def test_stop_takes_one_tap_and_lists_disobedient_first(
         assert fleet.seen[0] == pytest.approx(EPOCH + controlled.scene.time, abs=30.0)
 
 
-def test_escape_twice_stops_and_once_does_not(browser: Browser, controlled: Served, fleet: Fleet) -> None:
-    with invited(browser, controlled) as page:
+def test_double_escape_stops_and_single_does_not(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with opened_with_token(browser, controlled) as page:
         page.keyboard.press("Escape")
         page.wait_for_timeout(1100)
         page.keyboard.press("Escape")
         assert fleet.requested == []
-        page.evaluate(f"{ESCAPE}, {ESCAPE}")  # at once, however busy this machine is
+        page.evaluate(f"{ESCAPE}, {ESCAPE}")  # both at once, also on a busy machine
         page.locator("#acknowledgements li").first.wait_for()
         assert fleet.requested == [("stop", None)]
 
 
 def test_late_answer_does_not_hide_result_of_stop(browser: Browser, controlled: Served, fleet: Fleet) -> None:
     fleet.slow["hold"] = threading.Event()
-    with invited(browser, controlled) as page:
+    with opened_with_token(browser, controlled) as page:
         with page.expect_response(lambda one: "hold" in (one.request.post_data or "")):
             page.click('[data-do="hold"]')
             page.click('[data-do="stop"]')
@@ -170,7 +170,7 @@ def test_order_without_answer_does_not_hide_result_of_newer_order(
         else:
             route.continue_()
 
-    with invited(browser, controlled, tolerated="net::ERR") as page:
+    with opened_with_token(browser, controlled, tolerated="net::ERR") as page:
         page.route("**/api/order", hold_up)
         page.click('[data-do="hold"]')
         page.click('[data-do="stop"]')
@@ -181,8 +181,8 @@ def test_order_without_answer_does_not_hide_result_of_newer_order(
         assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
 
 
-def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Served, fleet: Fleet) -> None:
-    with invited(browser, controlled) as page:
+def test_run_release_and_shape_need_second_click(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with opened_with_token(browser, controlled) as page:
         for do in ("run", "release", "shape"):
             before = len(fleet.requested)
             if do == "shape":
@@ -194,7 +194,7 @@ def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Ser
             button.click()
             page.locator("#order-result", has_text=f"{do}: 4 of 6").wait_for()
         assert fleet.requested == [("run", None), ("release", None), ("shape", "wedge")]
-        assert len(fleet.clicks) == 3  # each press has a name of its own
+        assert len(fleet.clicks) == 3  # each confirmed order has its own click id
         page.click('[data-do="hold"]')
         page.locator("#order-result", has_text="hold: 4 of 6").wait_for()
 
@@ -213,15 +213,13 @@ def test_pending_confirmation_ends_with_other_button_or_timeout(
         assert fleet.requested == []
 
 
-def test_a_wrong_token_is_refused_and_asked_for_again(
-    browser: Browser, controlled: Served, fleet: Fleet
-) -> None:
+def test_page_asks_again_after_wrong_token(browser: Browser, controlled: Served, fleet: Fleet) -> None:
     with watched(browser, controlled.address, tolerated=REFUSED) as page:
         assert page.is_visible("#token-form")
         assert not page.is_visible('[data-do="stop"]')
         page.fill("#token", "guessed")
         page.keyboard.press("Enter")
-        page.wait_for_selector("#token-wrong", state="visible")  # before an order has shown it
+        page.wait_for_selector("#token-wrong", state="visible")  # before any order is given
         assert not page.is_visible('[data-do="stop"]')
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
@@ -230,7 +228,7 @@ def test_a_wrong_token_is_refused_and_asked_for_again(
         assert fleet.requested == [("stop", None)]
 
 
-def test_wrong_token_is_noticed_at_order_and_reload(
+def test_changed_token_is_noticed_at_order_and_at_opening(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:
     with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated=REFUSED) as page:
@@ -245,7 +243,7 @@ def test_wrong_token_is_noticed_at_order_and_reload(
         assert not page.is_visible('[data-do="stop"]')
 
 
-def test_order_without_answer_is_shown_as_alarm(browser: Browser, controlled: Served) -> None:
+def test_order_to_closed_server_is_shown_as_not_sent(browser: Browser, controlled: Served) -> None:
     with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated="net::ERR") as page:
         controlled.close()
         page.click('[data-do="stop"]')
@@ -253,7 +251,7 @@ def test_order_without_answer_is_shown_as_alarm(browser: Browser, controlled: Se
         assert "emergency stop" in page.inner_text("#order-result")
 
 
-def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
+def test_replay_controls_send_pause_speed_and_seek(browser: Browser) -> None:
     player = Player()
     with served(Scene(6, live=False), steer=player.steer) as one, watched(browser, one.address) as page:
         one.feed(20)
@@ -269,8 +267,8 @@ def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
         assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
 
 
-def test_pad_drives_while_it_is_held(browser: Browser, controlled: Served, fleet: Fleet) -> None:
-    with invited(browser, controlled) as page:
+def test_pad_drives_while_pressed(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with opened_with_token(browser, controlled) as page:
         page.click("#drive-open")
         box = page.locator("#drive-pad").bounding_box()
         assert box is not None
@@ -285,10 +283,10 @@ def test_pad_drives_while_it_is_held(browser: Browser, controlled: Served, fleet
     assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
 
 
-def test_pad_that_is_gripped_again_at_once_drives_again(
+def test_pad_pressed_again_before_answer_to_zero_drives(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:
-    with invited(browser, controlled) as page:
+    with opened_with_token(browser, controlled) as page:
         page.click("#drive-open")
         box = page.locator("#drive-pad").bounding_box()
         assert box is not None
@@ -298,7 +296,7 @@ def test_pad_that_is_gripped_again_at_once_drives_again(
         fleet.zero.clear()
         page.mouse.up()
         fleet.wait_for(lambda: fleet.driven[-1][:2] == (0.0, 0.0), page)
-        page.mouse.down()  # while the zero is not answered yet
+        page.mouse.down()  # before the zero is answered
         fleet.zero.set()
         stood = len(fleet.driven)
         fleet.wait_for(lambda: len(fleet.driven) > stood, page)
@@ -307,8 +305,10 @@ def test_pad_that_is_gripped_again_at_once_drives_again(
         page.locator("#drive-state", has_text="let go").wait_for()
 
 
-def test_pad_drives_by_the_main_button_only(browser: Browser, controlled: Served, fleet: Fleet) -> None:
-    with invited(browser, controlled) as page:
+def test_pad_ignores_right_button_and_meta_arrow_key(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with opened_with_token(browser, controlled) as page:
         page.click("#drive-open")
         box = page.locator("#drive-pad").bounding_box()
         assert box is not None
@@ -321,10 +321,8 @@ def test_pad_drives_by_the_main_button_only(browser: Browser, controlled: Served
     assert fleet.driven == []
 
 
-def test_arrow_keys_drive_the_pad_that_has_the_focus(
-    browser: Browser, controlled: Served, fleet: Fleet
-) -> None:
-    with invited(browser, controlled) as page:
+def test_arrow_keys_drive_while_pad_has_focus(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with opened_with_token(browser, controlled) as page:
         page.click("#drive-open")
         page.keyboard.down("ArrowUp")
         page.keyboard.down("ArrowLeft")
@@ -336,10 +334,10 @@ def test_arrow_keys_drive_the_pad_that_has_the_focus(
     assert fleet.driven[-1][:2] == (0.0, 0.0)
 
 
-def test_tapped_points_become_a_route(browser: Browser, controlled: Served, fleet: Fleet) -> None:
-    with invited(browser, controlled) as page:
+def test_points_clicked_on_map_become_route(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with opened_with_token(browser, controlled) as page:
         until(page, "formation.view.camera.placed")
-        page.click("#follow")  # so that the plane stays where it is between two taps
+        page.click("#follow")  # so that the map does not move between the clicks
         page.click("#route-open")
         box = page.locator("#map").bounding_box()
         assert box is not None

@@ -1,4 +1,4 @@
-"""The live page of a fleet that means harm: what robots say is text, whatever it looks like."""
+"""The live page shows hostile names and texts of robots as text, and runs none of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMES = (
 
 
 class Hostile(Scene):
-    """Every text is what somebody would send who wants the page to run something."""
+    """A scene in which every text contains markup that would run a script."""
 
     def hello(self) -> dict[str, Any]:
         hello = super().hello()
@@ -45,7 +45,7 @@ class Hostile(Scene):
         }
 
 
-def test_whatever_robots_call_themselves_and_say_is_shown_and_never_run(browser: Browser) -> None:
+def test_page_shows_hostile_text_and_never_runs_it(browser: Browser) -> None:
     with served(Hostile(6, control=True)) as one:
         for number, level in enumerate((20, 30, 40, 99)):
             result = {"robot": HOSTILE, "kind": HOSTILE, "text": HOSTILE}

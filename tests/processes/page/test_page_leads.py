@@ -1,4 +1,4 @@
-"""The live page in a real browser: who leads, who could, and what the shape is."""
+"""The live page in a real browser: leader, candidates and placed shape."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def six() -> Iterator[Served]:
         yield one
 
 
-def test_every_candidate_has_a_chip_with_its_state(browser: Browser, six: Served) -> None:
+def test_page_shows_chip_with_state_of_each_candidate(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
         until(page, f"{CHIPS}[0]?.[0].includes('leads')")
         assert page.evaluate(CHIPS) == [
             ["★ robot1 leads", "good"], ["◇ spare1 standby", "plain"], ["◇ spare2 standby", "plain"],
         ]  # fmt: skip
-        six.hush()  # no frame has one of the two without the other
+        six.hush()  # so that one frame has both changes
         six.scene.candidates["robot1"] = ["silent", "no status for 2.6 s", 2.6]
         six.scene.leads = "spare1"
         six.play()
@@ -40,14 +40,14 @@ def test_every_candidate_has_a_chip_with_its_state(browser: Browser, six: Served
         until(page, "document.getElementById('map').getAttribute('aria-label').includes('spare1 leads')")
 
 
-def test_without_standbys_there_are_no_chips(browser: Browser) -> None:
+def test_page_without_standbys_has_no_chips(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
         one.feed(3)
         until(page, "formation.model.frames > 0")
         assert not page.is_visible("#candidates")
 
 
-def test_turned_and_scaled_shape_is_shown_as_moving(browser: Browser, six: Served) -> None:
+def test_page_shows_rotation_scale_and_shape_transition(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
         until(page, "formation.model.frames > 2")
         assert page.inner_text("#placed-shape") == ""
@@ -66,7 +66,7 @@ def test_turned_and_scaled_shape_is_shown_as_moving(browser: Browser, six: Serve
 
 def test_table_shows_unavailable_fallback_and_awaited_robots(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
-        six.hush()  # until all of it is so: a frame between would have only some
+        six.hush()  # so that one frame has all changes
         six.scene.unavailable.add("robot4")
         six.scene.fallback["robot5"] = "robot2"
         six.scene.waits = "robot4"
@@ -81,9 +81,7 @@ def test_table_shows_unavailable_fallback_and_awaited_robots(browser: Browser, s
 
 
 @pytest.mark.parametrize("size", [(1280, 760), (390, 844)])
-def test_with_chips_and_rotation_nothing_is_wider_than_the_screen(
-    browser: Browser, size: tuple[int, int]
-) -> None:
+def test_chips_and_placed_shape_fit_screen_width(browser: Browser, size: tuple[int, int]) -> None:
     scene = Scene(6, standbys=tuple(f"spare{number}" for number in range(1, 9)))
     scene.rotation, scene.scale, scene.wedge, scene.waits = math.radians(-170.0), 1.234, 0.5, "robot4, robot5"
     view = {"width": size[0], "height": size[1]}

@@ -1,4 +1,4 @@
-"""The top view is moved by mouse, finger and keyboard, and follows the formation unless told not to."""
+"""The map is moved by mouse, finger and keyboard, and else follows the formation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROW = '[data-robot="{}"]'
 
 @pytest.fixture(scope="module")
 def still() -> Iterator[Served]:
-    """Six robots in a moment that stays."""
+    """A page of six robots, without new frames."""
     with served(Scene(6)) as one:
         one.feed(3)
         yield one
@@ -43,7 +43,7 @@ def test_tap_selects_robot_and_drag_ends_following(browser: Browser, still: Serv
         assert page.get_attribute("#follow", "aria-pressed") == "true"
 
 
-def test_the_map_is_moved_by_keys_and_follows_again(browser: Browser, still: Served) -> None:
+def test_keys_move_map_and_restore_following(browser: Browser, still: Served) -> None:
     where = "[formation.view.camera.x, formation.view.camera.y, formation.view.camera.scale]"
     with watched(browser, still.address) as page:
         until(page, "formation.view.camera.placed")
@@ -60,7 +60,7 @@ def test_the_map_is_moved_by_keys_and_follows_again(browser: Browser, still: Ser
         until(page, f"Math.abs(formation.view.camera.scale - {start[2]}) < 1e-6")
 
 
-def test_two_fingers_spread_the_map_and_one_moves_it(browser: Browser, still: Served) -> None:
+def test_two_fingers_zoom_map_and_one_moves_it(browser: Browser, still: Served) -> None:
     scale, where = "formation.view.camera.scale", "formation.view.camera.x"
     with watched(browser, still.address, viewport={"width": 390, "height": 844}, has_touch=True) as page:
         until(page, "formation.view.camera.placed")
@@ -78,7 +78,7 @@ def test_two_fingers_spread_the_map_and_one_moves_it(browser: Browser, still: Se
         touch("touchMove", -60.0, 60.0)
         touch("touchMove", -80.0, 80.0)
         touch("touchEnd")
-        until(page, f"{scale} > {1.3 * before}")  # a browser may tell of fingers later
+        until(page, f"{scale} > {1.3 * before}")  # a browser may report touches late
         left = page.evaluate(where)
         touch("touchStart", 0.0)
         touch("touchMove", 50.0)
@@ -87,17 +87,17 @@ def test_two_fingers_spread_the_map_and_one_moves_it(browser: Browser, still: Se
         assert page.get_attribute("#follow", "aria-pressed") == "false"
 
 
-def test_reduced_motion_disables_animation(browser: Browser) -> None:
+def test_reduced_motion_centres_map_without_animation(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address, reduced_motion="reduce") as page:
         one.feed(2)
         until(page, "formation.view.camera.placed")
         one.feed()
         until(page, "formation.model.frames >= 2")
-        _centred(page)
+        _wait_until_centred(page)
 
 
-def _centred(page: Page) -> None:
-    """The camera is where the formation is, without having travelled."""
+def _wait_until_centred(page: Page) -> None:
+    """Wait until the centre of the camera is that of the formation."""
     until(
         page,
         "((c, r) => Math.abs(c.x - (Math.min(...r) + Math.max(...r)) / 2) < 1e-6)(formation.view.camera,"

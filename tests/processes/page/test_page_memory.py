@@ -1,4 +1,4 @@
-"""A page that is left open does not grow."""
+"""The memory of a page that stays open does not grow."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ pytestmark = pytest.mark.browser
 MINUTE = 600
 """Frames."""
 FULL = 12
-"""Minutes after which all that the page keeps (errors, trails, events) is as long as it gets."""
-AT_ONCE = 50
-"""Frames made before the page is asked whether it has taken them."""
+"""Minutes after which all lists of the page (errors, trails, events) are full."""
+FRAMES_AT_ONCE = 50
+"""Frames that are made between two questions to the page how many it has taken."""
 
 
 class Size(NamedTuple):
-    """What a page takes up, after its garbage was collected."""
+    """Memory of a page after garbage collection."""
 
     heap: int
     """[bytes]"""
     nodes: int
-    """Of the document and of what was taken out of it and is still held."""
+    """DOM nodes in the document, and removed ones that are still referenced."""
     listeners: int
 
 
-def size(page: Page, debugger: CDPSession) -> Size:
-    """The least of some, for now and then a picture is just being made."""
-    return min(once(page, debugger) for _ in range(5))
+def least_size(page: Page, debugger: CDPSession) -> Size:
+    """Least of several measurements, as the page may be drawing during one."""
+    return min(measured_once(page, debugger) for _ in range(5))
 
 
-def once(page: Page, debugger: CDPSession) -> Size:
+def measured_once(page: Page, debugger: CDPSession) -> Size:
     page.wait_for_timeout(200)
     debugger.send("HeapProfiler.collectGarbage")
     counted = debugger.send("Memory.getDOMCounters")
@@ -43,7 +43,7 @@ def once(page: Page, debugger: CDPSession) -> Size:
 
 
 def feed(page: Page, one: Served, minutes: float) -> None:
-    """As fast as the page takes it; something happens twice a second."""
+    """Send frames as fast as the page takes them, with two events per second."""
     taken, wanted = 0, round(minutes * MINUTE)
     before = page.evaluate("formation.model.frames")
     while taken < wanted:
@@ -52,7 +52,7 @@ def feed(page: Page, one: Served, minutes: float) -> None:
         if number % 5 == 0:
             level = 20 + 10 * (number % 3)
             one.note(event(number, one.scene.time, "held", "robot2", f"for the {number}th time", level))
-        if number % AT_ONCE == 0:
+        if number % FRAMES_AT_ONCE == 0:
             taken = page.evaluate("formation.model.frames") - before
 
 
@@ -61,11 +61,11 @@ def test_page_with_full_lists_does_not_grow(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
         debugger = page.context.new_cdp_session(page)
         feed(page, one, FULL)
-        early = size(page, debugger)
+        early = least_size(page, debugger)
         feed(page, one, 6)
-        late = size(page, debugger)
+        late = least_size(page, debugger)
         assert page.locator("#event-list li").count() == 200
-    # What is left is the browser's: it goes on compiling what is called often. 3600 frames, 55 bytes of each.
+    # The browser still compiles functions that are called often: 3600 frames, 55 bytes for each.
     assert late.heap - early.heap < 200_000
     assert late.nodes <= early.nodes + 100
     assert late.listeners <= early.listeners + 5
@@ -83,7 +83,7 @@ RINGS = """async () => {
 }"""
 
 
-def test_lists_that_are_full_keep_the_newest_in_their_order(browser: Browser) -> None:
+def test_full_lists_keep_newest_in_order(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
         points, times, values = page.evaluate(RINGS)
     assert points == [[97, -97], [98, -98], [99, -99]]

@@ -1,4 +1,4 @@
-"""What people and browsers do to a page by mistake: no robot that stands is set going by it."""
+"""Mistakes of operators and browsers at a page set no standing robot in motion."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tests.support.served import PATIENT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 REFUSED = "status of 40"
-"""What a browser writes to its console about an order that is not taken."""
+"""Text in the browser's console about a refused order."""
 
 
 class Now(Scene):
-    """A scene of this very moment, as a monitor's is."""
+    """A scene on the system clock."""
 
     @property
     def now(self) -> float:
@@ -35,7 +35,7 @@ class Now(Scene):
 
 @pytest.fixture
 def team() -> Team:
-    """It stands, by a stop and by a hold below that."""
+    """A team whose robots are stopped, with a hold below the stop."""
     team = Team()
     team.leader.request(b'{"do":"hold"}', 0.0)
     for name in SIX.names:
@@ -61,11 +61,11 @@ def opened(browser: Browser, desk: Served, token: str) -> Iterator[Page]:
         yield page
 
 
-def result(page: Page, words: str) -> None:
+def wait_for_result(page: Page, words: str) -> None:
     until(page, f"document.querySelector('#order-result').textContent.includes({words!r})")
 
 
-def test_double_click_does_not_confirm(
+def test_double_click_does_not_confirm_release(
     browser: Browser, desk: Served, team: Team, operator: Operator
 ) -> None:
     desk.play()
@@ -75,11 +75,11 @@ def test_double_click_does_not_confirm(
         assert "press again" in (release.text_content() or "")
         assert team.received == []
         release.click()
-        result(page, "release: 6 of 6 obey")
-    assert team.leaders() == "hold"  # the stop is released, and nothing else
+        wait_for_result(page, "release: 6 of 6 obey")
+    assert team.leader_mode() == "hold"  # only the stop is released
 
 
-def test_hanging_page_stops_and_releases_no_robot(
+def test_outdated_page_may_stop_but_not_release(
     browser: Browser, desk: Served, team: Team, operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "MAX_SHOWN_AGE", 0.5)
@@ -89,32 +89,34 @@ def test_hanging_page_stops_and_releases_no_robot(
         page.wait_for_timeout(1000.0)
         for _ in range(2):
             page.locator('[data-do="release"]').click()
-        result(page, "REFUSED")
+        wait_for_result(page, "REFUSED")
         assert team.received == []
         page.locator('[data-do="stop"]').click()
-        result(page, "stop: 6 of 6 obey")
+        wait_for_result(page, "stop: 6 of 6 obey")
 
 
-def test_page_without_frames_releases_no_robot(
+def test_page_without_frames_cannot_order_run(
     browser: Browser, desk: Served, team: Team, operator: Operator
 ) -> None:
     with opened(browser, desk, operator.token) as page:
         for _ in range(2):
             page.locator('[data-do="run"]').click()
-        result(page, "shows what was long ago")
+        wait_for_result(page, "shows what was long ago")
     assert team.received == []
 
 
-def test_tab_of_restarted_monitor_gives_no_orders(browser: Browser, team: Team, operator: Operator) -> None:
+def test_old_page_gives_no_orders_to_restarted_monitor(
+    browser: Browser, team: Team, operator: Operator
+) -> None:
     port = int(free_endpoint().rpartition(":")[2])
     with served(Now(6, control=True), operator, port=port) as first:
         first.play()
         with opened(browser, first, operator.token) as page:
-            page.route("**/stream", lambda _: None)  # a page that is greeted again asks for another token
+            page.route("**/stream", lambda _: None)  # with a new stream the page would ask for another token
             first.close()
             with served(Now(6, control=True), Operator(SIX, team, lambda _: None), port=port) as second:
                 second.play()
                 page.locator('[data-do="stop"]').click()
-                result(page, "the token is not right")
+                wait_for_result(page, "the token is not right")
                 assert page.locator('[data-do="stop"]').is_hidden()
     assert team.received == []

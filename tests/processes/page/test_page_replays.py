@@ -1,4 +1,4 @@
-"""A replay on the page: what is played is named, what is unexpected is said, and silence shows."""
+"""A replay on the page: name of the recording, remarks, slider, and missing frames."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ LONG = "/home/somebody/recordings/" + "a_name_that_is_rather_long_" * 4 + ".mcap
 
 @pytest.fixture
 def played() -> Iterator[Served]:
-    """A recording that is played by hand."""
+    """A page of a replay whose frames the test sends."""
     with served(Scene(6, live=False)) as one:
         one.source.tell(recording="/home/somebody/recordings/run.mcap")
         one.feed()
         yield one
 
 
-def test_the_recording_that_is_played_is_named(browser: Browser, played: Served) -> None:
+def test_page_names_replayed_recording(browser: Browser, played: Served) -> None:
     with watched(browser, played.address) as page:
         page.locator("#recording", has_text="run.mcap").wait_for()
         until(page, "formation.model.frames > 0")
@@ -34,7 +34,7 @@ def test_the_recording_that_is_played_is_named(browser: Browser, played: Served)
 
 
 @pytest.mark.parametrize("width", [360, 390, 1000, 1280])
-def test_a_long_name_and_all_remarks_have_room(browser: Browser, played: Served, width: int) -> None:
+def test_long_recording_name_and_remarks_fit(browser: Browser, played: Served, width: int) -> None:
     played.source.tell(recording=LONG)
     played.scene.replay |= {"counted_from": EPOCH + 3599.0, "drift": 1234.5, "skipped": 1_234_567}
     with watched(browser, played.address, viewport={"width": width, "height": 740}) as page:
@@ -47,7 +47,7 @@ def test_a_long_name_and_all_remarks_have_room(browser: Browser, played: Served,
             assert box["x"] + box["width"] <= width, part
 
 
-def test_it_says_that_it_seeks_and_from_where_on_figures_count(browser: Browser, played: Served) -> None:
+def test_page_shows_seeking_remarks_and_end(browser: Browser, played: Served) -> None:
     with watched(browser, played.address) as page:
         page.locator('#replay[aria-busy="false"]').wait_for()
         assert not page.is_visible("#replay-remarks")
@@ -70,7 +70,7 @@ def test_it_says_that_it_seeks_and_from_where_on_figures_count(browser: Browser,
         assert "Play" in page.inner_text("#replay-play")
 
 
-def test_a_replay_that_plays_and_shows_nothing_new_has_stopped(browser: Browser, played: Served) -> None:
+def test_replay_without_new_frames_is_shown_as_stopped(browser: Browser, played: Served) -> None:
     with watched(browser, played.address) as page:
         page.wait_for_selector("#stale", state="visible")
         assert page.inner_text("#stale").startswith("✕ THE REPLAY HAS STOPPED.")
@@ -78,7 +78,7 @@ def test_a_replay_that_plays_and_shows_nothing_new_has_stopped(browser: Browser,
         page.wait_for_selector("#stale", state="hidden")
 
 
-def test_frames_from_before_a_seek_leave_the_slider_alone(browser: Browser) -> None:
+def test_frames_before_seek_do_not_move_slider(browser: Browser) -> None:
     scene = Scene(6, live=False)
     scene.replay |= {"end": EPOCH + 60.0, "paused": True, "seeks": 0}
     with served(scene, steer=lambda _do, _to: {"seeks": 1}) as one, watched(browser, one.address) as page:
@@ -96,8 +96,8 @@ def test_frames_from_before_a_seek_leave_the_slider_alone(browser: Browser) -> N
         until(page, "document.getElementById('replay-at').value === '7'")
 
 
-def test_slider_follows_a_replay_that_was_started_anew(browser: Browser) -> None:
-    """It counts its seeks from 0 again."""
+def test_slider_follows_restarted_replay(browser: Browser) -> None:
+    """A restarted replay counts its seeks from 0 again."""
     port = int(free_endpoint().rpartition(":")[2])
     scene = Scene(6, live=False)
     scene.replay |= {"paused": True, "seeks": 0}
@@ -115,7 +115,7 @@ def test_slider_follows_a_replay_that_was_started_anew(browser: Browser) -> None
                 until(page, f"{value} === '7'")
 
 
-def test_one_that_is_paused_does_not_get_old(browser: Browser, played: Served) -> None:
+def test_paused_replay_does_not_become_stale(browser: Browser, played: Served) -> None:
     played.scene.replay["paused"] = True
     played.feed()
     with watched(browser, played.address) as page:

@@ -1,4 +1,4 @@
-"""The live page in a real browser: what it shows, and that it does not show old data as if live."""
+"""The live page in a real browser: what it shows, and that it marks old data."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WHEN_STALE = """() => {
     last = now;
   }, 100);
 }"""
-"""Notes how old the newest frame was when the page said so, and how long a busy machine held it up [s]."""
+"""Records the age of the newest frame when it is marked as stale, and the longest delay of a timer [s]."""
 NO_MEMORY = """for (const store of ['localStorage', 'sessionStorage']) {
   Object.defineProperty(window, store, {get() { throw new DOMException('forbidden', 'SecurityError'); }});
 }"""
@@ -40,7 +40,7 @@ def six() -> Iterator[Served]:
         yield one
 
 
-def test_robots_move_and_the_error_falls(browser: Browser) -> None:
+def test_page_shows_moving_robots_and_falling_error(browser: Browser) -> None:
     with served(Scene(SIX)) as six, watched(browser, six.address) as page:
         six.feed()
         until(page, "formation.model.frame")
@@ -61,9 +61,9 @@ def test_robots_move_and_the_error_falls(browser: Browser) -> None:
         page.locator("#connection", has_text="live").wait_for()
 
 
-def test_settled_verdict_is_not_good_after_silence(browser: Browser) -> None:
+def test_unknown_error_marks_settled_time_as_past(browser: Browser) -> None:
     with served(Scene(SIX)) as one, watched(browser, one.address) as page:
-        verdict = {"settled_at": 3.6, "converged": True}  # outlives what it was about
+        verdict = {"settled_at": 3.6, "converged": True}  # still set when the error becomes unknown
         one.source.show({**one.scene.step(), **verdict, "error": 0.001}, NO_SNAPSHOT)
         page.locator('#error[data-tone="good"]').wait_for()
         assert page.inner_text("#settled") == "at 3.6 s"
@@ -72,7 +72,7 @@ def test_settled_verdict_is_not_good_after_silence(browser: Browser) -> None:
         assert page.inner_text("#settled") == "was, at 3.6 s"
 
 
-def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Served) -> None:
+def test_page_shows_lost_robot_with_age(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
         until(page, "formation.model.frames > 3")
         six.scene.silent["robot5"] = six.scene.time
@@ -82,7 +82,7 @@ def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Serv
         share = row.locator(".health-share")
         assert "health 0 %: no position for" in (share.get_attribute("aria-label") or "")
         assert (share.inner_text(), row.locator(".battery").count()) == ("0 %", 0)
-        assert page.evaluate("formation.model.robots[4].place !== null")  # drawn where it was last
+        assert page.evaluate("formation.model.robots[4].place !== null")  # drawn at its last place
         page.locator('#map[aria-label*="lost: robot5"]').wait_for()
         edges = six.scene.edges
         known = sum(six.scene.names.index("robot5") not in edge for edge in edges)
@@ -92,7 +92,7 @@ def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Serv
         row.locator("td.state", has_text="run").wait_for()
 
 
-def test_a_saturated_command_is_marked_by_a_word(browser: Browser) -> None:
+def test_saturated_command_is_marked_max(browser: Browser) -> None:
     with served(Scene(SIX)) as still, watched(browser, still.address) as page:
         still.feed()
         until(page, "formation.model.frame")
@@ -122,7 +122,7 @@ def test_stale_page_is_marked_quickly_and_recovers(browser: Browser, six: Served
         page.locator("#connection", has_text="live").wait_for()
 
 
-def test_it_reconnects_by_itself_when_the_server_is_back(browser: Browser) -> None:
+def test_page_reconnects_to_restarted_server(browser: Browser) -> None:
     port = int(free_endpoint().rpartition(":")[2])
     with served(Scene(SIX), port=port) as first:
         first.play()
@@ -139,15 +139,15 @@ def test_it_reconnects_by_itself_when_the_server_is_back(browser: Browser) -> No
                 assert page.locator("#robot-rows tr").count() == SIX
 
 
-def test_an_open_line_that_says_nothing_is_dialled_again(browser: Browser, six: Served) -> None:
+def test_page_reconnects_when_open_stream_is_silent(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
         until(page, "formation.model.frames > 3")
-        six.hush()  # the line is still there
+        six.hush()  # the connection stays open
         six.scene.time += 10.0
         dialled = page.evaluate("formation.stream.dialled")
         until(page, f"formation.stream.dialled > {dialled}")
         until(page, "formation.stream.open")
-        assert page.evaluate("formation.stream.age") > 5.0  # for what it is greeted with is old
+        assert page.evaluate("formation.stream.age") > 5.0  # the frame in the greeting is old
         assert page.is_visible("#stale")
         six.play()
         page.wait_for_selector("#stale", state="hidden")
@@ -166,7 +166,7 @@ def test_page_opened_while_monitor_hangs_waits_for_data(browser: Browser, six: S
         page.locator("#connection", has_text="live").wait_for()
 
 
-def test_events_come_newest_first_and_can_be_filtered(browser: Browser, six: Served) -> None:
+def test_events_are_listed_newest_first_and_filtered(browser: Browser, six: Served) -> None:
     six.note(event(0, 0.0, "joined", "robot2", "joined"))
     with watched(browser, six.address) as page:
         six.note(event(1, 1.0, "lost", "robot5", "no position for 1.0 s", 40))
@@ -184,14 +184,14 @@ def test_events_come_newest_first_and_can_be_filtered(browser: Browser, six: Ser
         assert items.locator('[role="img"]').get_attribute("aria-label") == "error"
 
 
-def test_a_hundred_robots_are_sorted_worst_first_and_found_by_name(browser: Browser) -> None:
+def test_table_of_hundred_robots_sorts_and_filters(browser: Browser) -> None:
     with served(Scene(100)) as crowd, watched(browser, crowd.address) as page:
         crowd.scene.silent["robot42"] = 0.0
         crowd.play()
         first = page.locator("#robot-rows tr").first
         first.filter(has_text="robot42").wait_for()
         assert "1 lost" in page.inner_text("#robot-count")
-        _headers_stick(page)
+        _check_sticky_header(page)
         page.click('th[data-sort="name"] button')
         first.filter(has_text="robot1").wait_for()
         assert page.get_attribute('th[data-sort="name"]', "aria-sort") == "ascending"
@@ -204,8 +204,8 @@ def test_a_hundred_robots_are_sorted_worst_first_and_found_by_name(browser: Brow
             assert time.monotonic() < deadline
 
 
-def _headers_stick(page: Page) -> None:
-    """In one look, between two frames."""
+def _check_sticky_header(page: Page) -> None:
+    """Check in one evaluation that the header stays in place while the rows scroll."""
     scrolled, moved = page.evaluate("""() => {
       const header = document.querySelector('#robot-table th');
       const rows = document.querySelector('#robots .scroll');
@@ -217,14 +217,14 @@ def _headers_stick(page: Page) -> None:
 
 
 def _keeps_up(page: Page, crowd: Served) -> bool:
-    """Whether it takes more than half of the next ten frames that are made."""
+    """Whether the page takes more than half of the next ten frames."""
     made, taken = crowd.scene.time, page.evaluate("formation.model.frames")
     while crowd.scene.time < made + 9.5 * PERIOD:
         page.wait_for_timeout(20)
     return bool(page.evaluate("formation.model.frames") > taken + 5)
 
 
-def test_a_browser_that_may_remember_nothing_shows_it_all(browser: Browser, six: Served) -> None:
+def test_page_works_without_browser_storage(browser: Browser, six: Served) -> None:
     with watched(browser, six.address, before=NO_MEMORY) as page:
         until(page, "formation.model.frames > 3")
         page.click("#log-scale")

@@ -28,7 +28,7 @@ def test_page_gets_greeting_then_frames_and_events() -> None:
         server.source.note(HAPPENED)
         assert next(events) == ("event-1", "event", HAPPENED)
         server.source.show(FRAME, SEEN)
-        assert next(events) == ("2", "frame", FRAME)  # and the first one has not come again meanwhile
+        assert next(events) == ("2", "frame", FRAME)  # the first frame has not come again
 
 
 def test_late_page_gets_newest_frame_without_repeated_events() -> None:
@@ -42,7 +42,7 @@ def test_late_page_gets_newest_frame_without_repeated_events() -> None:
             assert next(events).data["n"] == 2
 
 
-def test_after_a_jump_all_clients_start_anew() -> None:
+def test_restarted_source_greets_all_clients_again() -> None:
     with serving() as server, looking(server) as one, looking(server) as other:
         assert {next(one).kind, next(other).kind} == {"hello"}
         server.source.restart([(1.0, 0.5)])
@@ -51,7 +51,7 @@ def test_after_a_jump_all_clients_start_anew() -> None:
             assert (hello.kind, hello.data["history"]) == ("hello", [[1.0, 0.5]])
 
 
-def test_departed_clients_are_not_counted() -> None:
+def test_source_counts_no_departed_clients() -> None:
     with serving() as server:
         with looking(server) as events:
             next(events)
@@ -59,10 +59,10 @@ def test_departed_clients_are_not_counted() -> None:
         until(lambda: not server.source.wanted)
 
 
-def test_figures_are_of_the_moment_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metrics_and_snapshot_wait_for_new_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.stream.MAX_FRAME_WAIT", PATIENCE)
     with serving() as server:
-        server.source.show(FRAME, SEEN)  # an old one, which nobody is to get
+        server.source.show(FRAME, SEEN)  # an old frame, which must not be sent
 
         def monitor() -> None:
             until(lambda: server.source.wanted)
@@ -79,7 +79,7 @@ def test_figures_are_of_the_moment_when_they_are_asked_for(monkeypatch: pytest.M
         assert answer.json()["mode"] == "run"
 
 
-def test_stopped_monitor_gives_no_figures(
+def test_metrics_are_unavailable_without_new_frame(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("formation.monitor.web.stream.MAX_FRAME_WAIT", 0.05)
@@ -90,7 +90,7 @@ def test_stopped_monitor_gives_no_figures(
         assert requested(server, "healthz").text == "ok\n"
 
 
-def test_page_is_served_with_revalidation() -> None:
+def test_server_revalidates_page_and_refuses_other_paths() -> None:
     with serving() as server:
         answer = requested(server, "")
         assert answer.status_code == 200
@@ -103,7 +103,7 @@ def test_page_is_served_with_revalidation() -> None:
             assert requested(server, path).status_code == 404
 
 
-def test_two_pages_side_by_side_have_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_page_server_uses_another_port(monkeypatch: pytest.MonkeyPatch) -> None:
     with serving() as first:
         port = int(first.address.rstrip("/").rpartition(":")[2])
         monkeypatch.setattr("formation.monitor.web.server.PORT", port)
@@ -118,22 +118,22 @@ def test_two_pages_side_by_side_have_ports_of_their_own(monkeypatch: pytest.Monk
         assert requested(first, "healthz").status_code == 200
 
 
-def test_it_serves_where_an_ipv6_address_says() -> None:
+def test_server_listens_on_ipv6_address() -> None:
     with PageServer(Bind("::1", 0), source()) as server:
         assert server.address.startswith("http://[::1]:")
         assert requested(server, "healthz").status_code == 200
 
 
-def test_unstarted_or_twice_stopped_server_is_harmless() -> None:
+def test_stop_of_unstarted_or_stopped_server_does_nothing() -> None:
     server = PageServer(ANY, source())
     server.stop()
     with serving() as other:
         pass
     other.stop()
-    other.source.show(FRAME, SEEN)  # the monitor does not know, and need not
+    other.source.show(FRAME, SEEN)  # as a monitor does after the stop
 
 
-def test_server_failure_is_logged_and_monitor_continues(
+def test_failed_request_is_logged_and_server_continues(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(_: object) -> None:

@@ -1,4 +1,4 @@
-"""What a page's clients can cost the monitor: slow ones, many, silent ones, and the end with all there."""
+"""Limits of the page's server: slow, many and silent clients, and its stop with open connections."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from formation.monitor.web import server as server_module
 from formation.monitor.web import source as module
 from formation.monitor.web.connection import OPERATOR, Connection, Standing
 from formation.monitor.web.server import PageServer
-from tests.processes.page.asking import BEARER, TOKEN, Orders, Player, requested
+from tests.processes.page.asking import BEARER, TOKEN, OrderRecorder, Player, requested
 from tests.support.child import PATIENCE, until
 from tests.support.looking import ANY, PLAIN, SEEN, dial, looking, serving, source
 
 REQUEST = b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LARGE = {"t": 0.0, "recording": None, "filling": 100_000 * "x"}
-"""A frame as of 700 robots."""
+"""A frame as large as that of 700 robots."""
 
 
 def asleep(server: PageServer) -> socket.socket:
-    """A page that is open on a phone that sleeps: it reads nothing."""
+    """Open a stream and read nothing, as a page on a sleeping phone."""
     one = socket.socket()
     one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     host, _, port = server.address.removeprefix("http://").rstrip("/").rpartition(":")
@@ -42,12 +42,15 @@ def show(server: PageServer, number: int) -> None:
 
 
 def closed(one: socket.socket) -> bool:
-    """Whether the other side has hung up; waits for it."""
+    """Wait at most 30 s until the server closes the connection; return whether it did."""
+    one.settimeout(30.0)
     try:
         while one.recv(65536):
             pass
     except ConnectionError:
         pass
+    except TimeoutError:
+        return False
     return True
 
 
@@ -58,13 +61,14 @@ def test_sleeping_client_delays_no_other_and_queues_nothing() -> None:
         before = psutil.Process().memory_info().rss
         for number in range(500):
             show(server, number)
-            assert next(events).data["t"] == number  # who reads gets every one
+            assert next(events).data["t"] == number  # a client that reads gets every frame
         grown = psutil.Process().memory_info().rss - before
-    assert grown < 15_000_000  # of the 50 MB that it did not read
+    assert grown < 15_000_000  # 50 MB were not read
 
 
-def test_a_client_that_wakes_up_goes_on_with_what_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("formation.monitor.web.stream.STALLED_TIMEOUT_SECONDS", 1e6)  # however long it sleeps
+def test_waking_client_skips_to_newest_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    # never close the sleeping client
+    monkeypatch.setattr("formation.monitor.web.stream.STALLED_TIMEOUT_SECONDS", 1e6)
     with serving() as server, asleep(server) as sleeper:
         until(lambda: server.source.wanted)
         for number in range(500):
@@ -74,15 +78,15 @@ def test_a_client_that_wakes_up_goes_on_with_what_is_new(monkeypatch: pytest.Mon
         times: list[float] = []
         while not times or times[-1] != 499.0:
             line = reader.readline()
-            assert line, "hung up on"
+            assert line, "connection closed"
             if line.startswith(b'data: {"t":'):
                 times.append(float(line[11:].partition(b",")[0]))
         reader.close()
     assert times == sorted(times)
-    assert len(times) < 30  # what lay in buffers, and then the newest
+    assert len(times) < 30  # the buffered frames, then the newest
 
 
-def test_a_client_that_takes_nothing_for_long_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stalled_client_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.stream.STALLED_TIMEOUT_SECONDS", 0.2)
     with serving() as server, asleep(server) as sleeper:
         until(lambda: server.source.wanted)
@@ -93,7 +97,7 @@ def test_a_client_that_takes_nothing_for_long_is_hung_up_on(monkeypatch: pytest.
         assert closed(sleeper)
 
 
-def test_leaving_viewer_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stream_over_limit_is_refused_until_viewer_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.stream.MAX_STREAMS", 3)
     with serving() as server, ExitStack() as stack:
         people = [stack.enter_context(looking(server)) for _ in range(2)]
@@ -106,7 +110,7 @@ def test_leaving_viewer_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) 
         assert next(stack.enter_context(looking(server))).kind == "hello"
 
 
-def test_all_viewers_get_the_newest_frame() -> None:
+def test_all_viewers_get_newest_frame() -> None:
     with serving() as server, ExitStack() as stack:
         people = [stack.enter_context(looking(server)) for _ in range(64)]
         for events in people:
@@ -115,11 +119,10 @@ def test_all_viewers_get_the_newest_frame() -> None:
         assert [next(events).data["t"] for events in people] == 64 * [7.0]
 
 
-def test_a_new_connection_takes_the_place_of_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connection_over_limit_closes_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.MAX_CONNECTIONS", 4)
-    monkeypatch.setattr(
-        "formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 1e6
-    )  # nobody is hung up on for saying nothing
+    # close no connection because it is silent
+    monkeypatch.setattr("formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 1e6)
     with serving() as server, ExitStack() as stack:
         first = stack.enter_context(asleep(server))
         until(lambda: server.source._looking == 1)
@@ -143,103 +146,102 @@ FLOODS = {
 STOPS = 15
 
 
-def flooded(server: PageServer, words: bytes, many: int, addresses: int, stack: ExitStack) -> None:
-    """So many connections from so many addresses of this machine, each of which says these words."""
+def flood(server: PageServer, words: bytes, many: int, addresses: int, stack: ExitStack) -> None:
+    """Open `many` connections from `addresses` addresses of this machine; each sends `words`."""
     host, _, port = server.address.removeprefix("http://").rstrip("/").rpartition(":")
     for number in range(many):
         one = socket.create_connection(
             (host, int(port)), source_address=(f"127.0.0.{2 + number % addresses}", 0)
         )
         stack.enter_context(one)
-        with suppress(OSError):  # it may have made room already
+        with suppress(OSError):  # the server may have closed it already
             one.sendall(words)
 
 
 @pytest.mark.parametrize("addresses", [1, 200])
 @pytest.mark.parametrize("words", FLOODS.values(), ids=FLOODS)
-def test_a_stop_gets_in_however_many_connections_there_are(words: bytes, addresses: int) -> None:
-    orders = Orders()
+def test_stop_is_accepted_during_flood_of_connections(words: bytes, addresses: int) -> None:
+    orders = OrderRecorder()
     with serving(control=orders, steer=Player().steer) as server, ExitStack() as stack:
-        flooded(server, words, 200, addresses, stack)
+        flood(server, words, 200, addresses, stack)
         for _ in range(STOPS):
             assert requested(server, "api/order", {"do": "stop"}, **BEARER).status_code == 200
-            flooded(server, words, 10, addresses, stack)
+            flood(server, words, 10, addresses, stack)
     assert len(orders.given) == STOPS
 
 
-def test_a_connection_with_the_token_never_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connection_with_token_survives_flood_of_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.MAX_CONNECTIONS", 4)
-    monkeypatch.setattr(
-        server_module, "IDLE_TIMEOUT_SECONDS", round(PATIENCE)
-    )  # however long the flood takes
-    with serving(control=Orders()) as server, ExitStack() as stack:
+    # longer than the flood
+    monkeypatch.setattr(server_module, "IDLE_TIMEOUT_SECONDS", round(PATIENCE))
+    with serving(control=OrderRecorder()) as server, ExitStack() as stack:
         client = stack.enter_context(httpx.Client(base_url=server.address, timeout=PATIENCE, verify=PLAIN))
         assert client.get("/api/order", headers=BEARER).status_code == 204
         (own,) = server._server.server_state.connections
-        flooded(server, REQUEST, 50, 5, stack)
+        flood(server, REQUEST, 50, 5, stack)
         assert client.post("/api/order", json={"do": "stop"}, headers=BEARER).status_code == 200
         assert own in server._server.server_state.connections
 
 
-def test_an_operator_keeps_its_connection_until_its_next_token_is_checked(
+def test_operator_connection_keeps_standing_until_next_token_check(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(H11Protocol, "on_response_complete", lambda _: None)
     one: Any = Connection.__new__(Connection)
     one.scope = {OPERATOR: True}
     one.on_response_complete()
-    one.scope = {}  # of a second request, which has only begun
+    one.scope = {}  # a second request has just begun
     assert one.standing is Standing.OPERATOR
 
 
-def test_one_address_leaves_room_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connections_of_one_address_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.MAX_PER_ADDRESS", 5)
     with serving() as server, ExitStack() as stack, looking(server) as events:
         next(events)
-        flooded(server, REQUEST, 30, 1, stack)
+        flood(server, REQUEST, 30, 1, stack)
         until(lambda: server.source._looking == 6)
         show(server, 1)
         assert next(events).data["t"] == 1.0
 
 
 @pytest.mark.parametrize("words", [b"", b"GET / HT", b"POST /healthz HTTP/1.1\r\nHost: local"])
-def test_connection_without_request_is_closed(words: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connection_without_complete_request_is_closed(words: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 0.1)
     with serving() as server, dial(server) as one:
         one.sendall(words)
         assert closed(one)
 
 
-def test_viewer_does_not_count_as_silent_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stream_outlasts_request_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 0.02)
     monkeypatch.setattr("formation.monitor.web.stream.COMMENT_PERIOD", 0.02)
     server = PageServer(ANY, source())
     with dial(server) as one:
-        one.sendall(REQUEST)  # before it is served, for a busy machine may take longer than that to ask
+        one.sendall(REQUEST)  # before the server starts: a busy machine may send it later than the timeout
         with server:
             received = b""
-            while received.count(b"\n:\n") < 20:  # signs of life, far beyond that time
+            while received.count(b"\n:\n") < 20:  # comments of the stream, far beyond the timeout
                 more = one.recv(65536)
-                assert more, "hung up on"
+                assert more, "connection closed"
                 received += more.replace(b"\r", b"")
 
 
-def test_a_body_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_body_is_answered_with_408(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.routes.READ_TIMEOUT_SECONDS", 0.1)
     head = (
         "POST /api/order HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
         f"Authorization: Bearer {TOKEN}\r\nContent-Length: 100\r\n\r\n"
     )
-    with serving(control=Orders()) as server, dial(server) as one:
+    with serving(control=OrderRecorder()) as server, dial(server) as one:
         one.sendall(head.encode())
         assert one.recv(65536).startswith(b"HTTP/1.1 408 ")
 
 
-def test_rubbish_gets_no_further_than_the_door(caplog: pytest.LogCaptureFixture) -> None:
+def test_invalid_request_is_closed_without_log(caplog: pytest.LogCaptureFixture) -> None:
     with serving() as server:
         for words in (b"\x16\x03\x01\x02\x00\x01\x00\x01", b"\n\n\n\0\0\0" * 100, b"GET " + 100_000 * b"a"):
             with dial(server) as one:
-                with suppress(OSError):  # it may have hung up before it has heard all
+                with suppress(OSError):  # the server may close before all is sent
                     one.sendall(words)
                     one.shutdown(socket.SHUT_WR)
                 assert closed(one)
@@ -247,7 +249,7 @@ def test_rubbish_gets_no_further_than_the_door(caplog: pytest.LogCaptureFixture)
     assert caplog.records == []
 
 
-def test_it_is_made_to_stop_within_a_second() -> None:
+def test_stop_timeout_is_at_most_one_second() -> None:
     assert server_module.FORCED_CLOSE_SECONDS < server_module.STOP_TIMEOUT_SECONDS <= 1.0
 
 
@@ -273,11 +275,11 @@ def test_server_stops_with_open_connections(
     assert caplog.records == []
 
 
-def test_an_order_under_way_does_not_hold_up_the_end(
+def test_pending_order_does_not_delay_server_stop(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server_module, "STOP_TIMEOUT_SECONDS", 0.5 * PATIENCE)  # the order takes longer
-    orders = Orders()
+    orders = OrderRecorder()
     orders.hold.clear()
     with serving(control=orders) as server:
 
@@ -295,7 +297,7 @@ def test_an_order_under_way_does_not_hold_up_the_end(
     assert caplog.records == []
 
 
-def test_shared_frame_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frame_is_encoded_once_for_all_clients(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     whole = module._json
 

@@ -1,4 +1,4 @@
-"""What the page's server lets be asked of it, by whom: orders, and the steering of a replay."""
+"""Requests to the page's server: orders and replay control, with tokens, hosts and origins."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from formation.monitor.web.address import Bind
 from formation.monitor.web.server import words
-from tests.processes.page.asking import BEARER, JSON, TOKEN, Orders, Player, requested
+from tests.processes.page.asking import BEARER, JSON, TOKEN, OrderRecorder, Player, requested
 from tests.support.child import until
 from tests.support.looking import serving
 
 
 def test_foreign_hosts_and_origins_are_refused() -> None:
-    orders = Orders()
+    orders = OrderRecorder()
     with serving(control=orders) as server:
         assert requested(server, "stream", host="attacker.example").status_code == 421
         foreign = requested(server, "api/order", {"do": "stop"}, **BEARER, origin="http://attacker.example")
@@ -25,8 +25,8 @@ def test_foreign_hosts_and_origins_are_refused() -> None:
     assert [one[0] for one in orders.given] == ["stop"]
 
 
-def test_an_order_needs_the_token() -> None:
-    orders = Orders()
+def test_order_needs_token() -> None:
+    orders = OrderRecorder()
     with serving(control=orders) as server:
         for wrong in (
             {},
@@ -39,7 +39,9 @@ def test_an_order_needs_the_token() -> None:
             assert answer.headers["www-authenticate"] == "Bearer"
             assert TOKEN not in answer.text
             assert requested(server, "api/order", **wrong).status_code == 401
-        assert requested(server, "api/order", **BEARER).status_code == 204  # may order, and has not
+        assert (
+            requested(server, "api/order", **BEARER).status_code == 204
+        )  # the token is accepted; no order is given
         assert orders.given == []
         assert requested(server, "api/order", {"do": "stop"}, **BEARER).json() == {
             "do": "stop",
@@ -57,7 +59,7 @@ def test_an_order_needs_the_token() -> None:
 
 
 def test_invitation_carries_token_in_url_fragment() -> None:
-    with serving(control=Orders()) as server:
+    with serving(control=OrderRecorder()) as server:
         assert server.invitation == f"{server.address}#token={TOKEN}"
         reported = words(Bind(), server)
         assert reported == f"{server.address}; to give orders, the one in the ready line"
@@ -66,7 +68,7 @@ def test_invitation_carries_token_in_url_fragment() -> None:
 
 
 @pytest.mark.parametrize("path", ["api/order", "api/replay", "api/nothing"])
-def test_without_control_or_a_replay_there_is_nothing_to_ask(path: str) -> None:
+def test_api_returns_404_without_control_and_replay(path: str) -> None:
     with serving() as server:
         assert requested(server, path, {"do": "stop"}, **BEARER).status_code == 404
         assert requested(server, path).status_code == 404
@@ -92,24 +94,24 @@ def test_without_control_or_a_replay_there_is_nothing_to_ask(path: str) -> None:
         (3000 * b"[", 400, "the body must be a JSON object"),
     ],
 )
-def test_a_body_that_makes_no_sense_is_told_what_is_legal(body: Any, status: int, words: str) -> None:
-    orders = Orders()
+def test_bad_body_is_refused_with_legal_values(body: Any, status: int, words: str) -> None:
+    orders = OrderRecorder()
     with serving(control=orders) as server:
         answer = requested(server, "api/order", body, **BEARER)
     assert (answer.status_code, orders.given) == (status, [])
     assert words in answer.json()["error"]
 
 
-def test_a_form_of_a_foreign_page_is_no_order() -> None:
-    with serving(control=Orders()) as server:
+def test_order_as_plain_text_is_refused() -> None:
+    with serving(control=OrderRecorder()) as server:
         kind = {"content-type": "text/plain", "authorization": f"Bearer {TOKEN}"}
         assert requested(server, "api/order", {"do": "stop"}, **kind).status_code == 415
 
 
-def test_refused_order_gives_reason_and_failed_is_logged(
+def test_refused_order_returns_reason_and_failed_one_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    orders = Orders(ValueError("run: a stop was given just now"))
+    orders = OrderRecorder(ValueError("run: a stop was given just now"))
     with serving(control=orders) as server:
         answer = requested(server, "api/order", {"do": "run"}, **BEARER)
         assert (answer.status_code, answer.json()) == (409, {"error": "run: a stop was given just now"})
@@ -123,9 +125,9 @@ def test_refused_order_gives_reason_and_failed_is_logged(
     assert "the link is down" in caplog.text
 
 
-def test_a_stop_does_not_wait_behind_other_orders(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_is_accepted_over_limit_of_orders(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.monitor.web.routes.MAX_ORDERS", 3)
-    orders = Orders()
+    orders = OrderRecorder()
     orders.hold.clear()
     with serving(control=orders) as server:
 
@@ -142,14 +144,14 @@ def test_a_stop_does_not_wait_behind_other_orders(monkeypatch: pytest.MonkeyPatc
         orders.hold.set()
         for one in asking:
             one.join()
-        # and when they are over, however they ended, there is room again
+        # orders that have ended, also by failure, make room again
         orders.error = ValueError("not now")
         for _ in range(4):
             assert requested(server, "api/order", {"do": "run"}, **BEARER).status_code == 409
     assert [do for do, *_ in orders.given][:4] == ["run", "run", "run", "stop"]
 
 
-def test_replay_is_controlled_without_token() -> None:
+def test_replay_control_needs_no_token() -> None:
     player = Player()
     with serving(steer=player.steer) as server:
         assert requested(server, "api/replay", {"do": "pause"}, **JSON).json() == {"paused": True}

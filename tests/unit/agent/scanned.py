@@ -1,4 +1,4 @@
-"""A robot with a range scanner among posts and walls, driven by what its agent makes of the scans."""
+"""A simulated robot with a range scanner among posts and walls; its agent's scanner limits its commands."""
 
 from __future__ import annotations
 
@@ -36,34 +36,34 @@ def scan(
 
 
 def post(distance: float) -> list[float]:
-    """A scan with one thing straight ahead."""
+    """Ranges of a scan with one object straight ahead."""
     return [distance, *[math.inf] * 359]
 
 
-def from_wall(here: complex, begin: complex, end: complex) -> float:
+def distance_to_wall(here: complex, begin: complex, end: complex) -> float:
     """Distance from a wall [m]."""
     along = ((here - begin) / (end - begin)).real
     return abs(here - begin - min(max(along, 0.0), 1.0) * (end - begin))
 
 
 def scanner_after(ranges: Sequence[float], stamp: float = 0.0, scanning: str = "") -> Scanner:
-    """A scanner at rest, of which the mission says `scanning`, after one scan."""
+    """A scanner at rest after one scan; `scanning` are more keys of `scan` in the mission."""
     scanner = Scanner(mission(scan=scanning), "robot2")
     scanner.process_scan(scan(stamp, ranges), stamp, at(stamp))
     return scanner
 
 
 class Robot:
-    """A disc with a scanner and an agent's view of it, among posts and walls.
+    """A round robot with a scanner, and its agent's scanner, among posts and walls.
 
-    It does as told as long as there is a scan, doubted or not, as a robot whose scanner is optional.
+    It executes commands while the scan is fresh, doubted or not, like a robot with an optional scanner.
     """
 
     def __init__(
         self,
         discs: Sequence[Disc] = (),
         walls: Sequence[Wall] = (),
-        way: float = 0.0,
+        delay: float = 0.0,
         rate: float = 5.0,
         missing: Collection[int] = (),
         too_near: float = 0.0,
@@ -72,27 +72,27 @@ class Robot:
         lag: float = LAG,
         **device: float,
     ) -> None:
-        """Scans come at `rate` [Hz], but for those whose numbers are `missing`, `way` [s] late.
+        """Scans come at `rate` [Hz], `delay` [s] late, except those whose numbers are `missing`.
 
-        Of what is nearer than it can measure the scanner says `too_near`. It sits `behind` the centre [m].
-        Without `odometry` nobody says how it moves. Its wheels `lag`, and the mission says so.
+        Ranges below the scanner's minimum are `too_near`. The scanner is mounted `behind` the centre [m].
+        Without `odometry` its agent knows only the commands. The wheels have a `lag`, as in the mission.
         """
         self.scanner = Scanner(mission(scan=f", rate = {rate}, x = {-behind}", lag=lag), "robot2")
         self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, AT_REST, 0.0
-        self.discs, self.walls, self.way, self.nearest = discs, walls, way, math.inf
+        self.discs, self.walls, self.delay, self.nearest = discs, walls, delay, math.inf
         self.device, self.rng = Device(**device), random.Random(3)  # type: ignore[arg-type]
         self._every, self._missing, self._too_near = round(1.0 / rate / STEP), missing, too_near
         self._behind, self._odometry, self._lag = behind, odometry, lag
         self._underway: list[LaserScan] = []
 
     def drive(self, wanted: Command, seconds: float) -> None:
-        """Do as told, as far as the scans allow."""
+        """Drive as wanted, as far as the scans allow."""
         command = AT_REST
         for _ in range(round(seconds / STEP)):
             tick = round(self.time / STEP)
             if tick % self._every == 0 and tick // self._every not in self._missing:
                 self._underway.append(self.look())
-            while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.way - 1e-9:
+            while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.delay - 1e-9:
                 self.scanner.process_scan(self._underway.pop(0), self.time, at(self.time))
             if tick % 5 == 0:
                 if self._odometry:
@@ -108,9 +108,9 @@ class Robot:
             self.nearest = min(self.nearest, *self.gaps())
 
     def gaps(self) -> list[float]:
-        """How far body and things are apart."""
+        """Distances from the robot's body to all objects [m]."""
         gaps = [abs(centre - self.position) - radius - RADIUS for centre, radius in self.discs]
-        return gaps + [from_wall(self.position, *wall) - RADIUS for wall in self.walls]
+        return gaps + [distance_to_wall(self.position, *wall) - RADIUS for wall in self.walls]
 
     def look(self) -> LaserScan:
         sits = self.position - self._behind * self.heading

@@ -1,4 +1,4 @@
-"""How suddenly the commands of a fleet change."""
+"""Largest change between consecutive commands of a fleet."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from formation.control.unicycle import AT_REST
 from tests.support.fleet import Fleet
 
 
-def most_sudden(fleet: Fleet, since: float = 0.0, *, rests: bool = False) -> float:
-    """Largest change from one command to the next; to zero velocity only if `rests` [share of a limit]."""
+def largest_command_change(fleet: Fleet, since: float = 0.0, *, rests: bool = False) -> float:
+    """Largest change [share of a limit]; changes to zero velocity count only if `rests`."""
     return max(
         max(
             abs(after[1] - before[1]) / fleet.mission.robots[name].max_speed,

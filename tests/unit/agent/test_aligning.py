@@ -1,4 +1,4 @@
-"""Odometry that is placed anew, slowly, where a better pose is known (`OdometrySource.align`)."""
+"""`OdometrySource.align` moves the placement of odometry slowly towards a better pose."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def odometry(position: complex, heading: complex, stamp: float = 0.0) -> Odometr
 
 
 def pose(source: OdometrySource, message: Odometry) -> tuple[complex, complex]:
-    """Position [m] and heading of a message, as they are placed now."""
+    """Position [m] and heading of a message by the present placement."""
     update = source.make_update(message, PERIOD, 1.0)
     return update.position, update.heading
 
 
 @given(st.complex_numbers(max_magnitude=1.0), st.floats(-3.0, 3.0), st.complex_numbers(max_magnitude=3.0))
-def test_pose_moves_slowly_to_the_better_one(off: complex, turn: float, counted: complex) -> None:
+def test_align_reaches_better_pose_within_speed_limits(off: complex, turn: float, counted: complex) -> None:
     source = OdometrySource(START, "robot3")
     message = odometry(counted, cmath.rect(1.0, 0.4))
     position, heading = pose(source, message)
@@ -46,7 +46,7 @@ def test_pose_moves_slowly_to_the_better_one(off: complex, turn: float, counted:
     assert abs(cmath.phase(heading / facing)) < 1e-6
 
 
-def test_nothing_is_aligned_before_odometry() -> None:
+def test_align_before_odometry_changes_nothing() -> None:
     source = OdometrySource(START, "robot3")
     before = source.state.origin, source.state.rotation
     assert source.align(3.0 + 0.0j, 1j, PERIOD) == (0j, 1.0)
@@ -54,7 +54,7 @@ def test_nothing_is_aligned_before_odometry() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_observed_heading_turns_along(law: str) -> None:
+def test_align_turns_observed_heading_and_course(law: str) -> None:
     here = Localisation(load("six_robots"), "robot3", LAWS[law])
     for now in (at(PERIOD * tick) for tick in range(3)):
         here.update_pose(odometry(0j, 1.0 + 0.0j, now.wall), now.mono, now)

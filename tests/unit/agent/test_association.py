@@ -1,4 +1,4 @@
-"""Which segment is which neighbour (`formation.agent.perception.association`)."""
+"""Association of scan segments with neighbours (`formation.agent.perception.association`)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from formation.sensing.detection import Beams, Detection, Segment
 RADIUS, COUNT = 0.1, 360
 INCREMENT = math.tau / COUNT
 DEVIATION = 0.02
-"""Of all places [m]."""
+"""Standard deviation of all expected positions [m]."""
 
 
 def body(angle: float, distance: float, radius: float = RADIUS) -> Segment:
@@ -32,17 +32,17 @@ def body(angle: float, distance: float, radius: float = RADIUS) -> Segment:
 
 
 def wall(distance: float) -> Segment:
-    """What surrounds the scanner at that distance [m]."""
+    """The segment of a wall all around the scanner [m]."""
     return Segment(0, COUNT - 1, COUNT, distance)
 
 
 def expected(name: str, angle: float, distance: float) -> Candidate:
-    """A robot that should be there [rad; m]."""
+    """A robot expected at that angle and distance [rad; m]."""
     return Candidate(name, distance, angle, RADIUS, DEVIATION)
 
 
 def outcomes(segments: Sequence[Segment], *robots: Candidate) -> Mapping[str, Outcome]:
-    """What the scan says of each robot."""
+    """The outcome of the association for each robot."""
     scan = Beams(tuple(segments), 0.0, INCREMENT, COUNT, 3.5)
     by_name = {one.name: one for one in robots}
 
@@ -60,15 +60,15 @@ A, ELSEWHERE = expected("a", 0.5, 1.0), body(3.0, 1.0)
 @pytest.mark.parametrize(
     ("segments", "outcome"),
     [
-        pytest.param([body(0.5, 1.0)], Outcome.SEEN, id="at its place"),
-        pytest.param([], Outcome.HIDDEN, id="nothing in sight"),
-        pytest.param([ELSEWHERE], Outcome.MISSING, id="no beam from an empty place"),
-        pytest.param([ELSEWHERE, body(0.5, 0.5)], Outcome.HIDDEN, id="body before it"),
-        pytest.param([ELSEWHERE, body(0.3, 0.9)], Outcome.ABSENT, id="same body beside it and nearer"),
-        pytest.param([ELSEWHERE, body(0.5, 1.0, 0.01)], Outcome.HIDDEN, id="pole at its place"),
-        pytest.param([body(0.5, 0.5), wall(2.0)], Outcome.HIDDEN, id="body before it, wall behind"),
-        pytest.param([wall(2.0)], Outcome.ABSENT, id="wall behind an empty place"),
-        pytest.param([body(0.8, 1.0)], Outcome.ABSENT, id="same body beside an empty place"),
+        pytest.param([body(0.5, 1.0)], Outcome.SEEN, id="body at expected position"),
+        pytest.param([], Outcome.HIDDEN, id="empty scan"),
+        pytest.param([ELSEWHERE], Outcome.MISSING, id="no beam from expected position"),
+        pytest.param([ELSEWHERE, body(0.5, 0.5)], Outcome.HIDDEN, id="body in front"),
+        pytest.param([ELSEWHERE, body(0.3, 0.9)], Outcome.ABSENT, id="same body beside and nearer"),
+        pytest.param([ELSEWHERE, body(0.5, 1.0, 0.01)], Outcome.HIDDEN, id="pole at expected position"),
+        pytest.param([body(0.5, 0.5), wall(2.0)], Outcome.HIDDEN, id="body in front, wall behind"),
+        pytest.param([wall(2.0)], Outcome.ABSENT, id="wall behind expected position"),
+        pytest.param([body(0.8, 1.0)], Outcome.ABSENT, id="same body beside expected position"),
         pytest.param([body(0.5, 1.0, 0.16)], Outcome.UNCLEAR, id="wide post"),
         pytest.param(
             [body(0.5, 1.0)._replace(free=False), body(0.45, 1.3)], Outcome.UNCLEAR, id="partly hidden rival"
@@ -84,18 +84,18 @@ def test_robot_outside_of_view_is_not_missing() -> None:
     assert associate(scan, [one], lambda *_: math.inf)["a"].outcome is Outcome.HIDDEN
 
 
-def test_body_beside_is_another_known_robot() -> None:
+def test_body_of_another_known_robot_leaves_robot_hidden() -> None:
     seen = outcomes([body(0.8, 1.0)], A, expected("b", 0.8, 1.0))
     assert seen == {"a": Outcome.HIDDEN, "b": Outcome.SEEN}
 
 
-def test_far_robot_is_not_expected_to_be_seen() -> None:
+def test_robot_near_range_max_is_hidden() -> None:
     assert outcomes([wall(3.49)], expected("a", 0.5, 3.4)) == {"a": Outcome.HIDDEN}
 
 
 @given(st.floats(0.6, 2.0), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
-def test_never_picks_one_of_two_that_fit(distance: float, one: float, other: float) -> None:
-    """Neither of two cylinders near the place is chosen, unless it fits clearly better."""
+def test_segment_is_chosen_only_if_clearly_better(distance: float, one: float, other: float) -> None:
+    """There are two cylinders near the expected position."""
     segments = [body(1.0 + one / distance, distance), body(1.0 + other / distance, distance + 0.05)]
     squares = sorted(
         (abs(cmath.rect(at, math.radians(s.middle)) - cmath.rect(distance, 1.0)) / DEVIATION) ** 2
@@ -108,6 +108,6 @@ def test_never_picks_one_of_two_that_fit(distance: float, one: float, other: flo
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.02, 0.04])
-def test_body_that_fits_two_robots_is_neither(apart: float) -> None:
+def test_body_that_fits_two_robots_shows_neither(apart: float) -> None:
     seen = outcomes([body(0.5, 1.0)], expected("a", 0.5 - apart, 1.0), expected("b", 0.5 + apart, 1.0))
     assert Outcome.SEEN not in seen.values()

@@ -1,4 +1,4 @@
-"""Robots avoid each other: production cores, a fake clock, a network in memory."""
+"""Collision avoidance between robots: production cores, a fake clock, a network in memory."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from formation.topics import POSITION
 from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.missions import team
-from tests.unit.agent.test_scanning import room
+from tests.unit.agent.test_scanning import least_gap
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
 CROSSING = scenarios.exchanged(SIX)
-"""In which everybody has to pass somebody, and avoids all."""
+"""Each robot has to pass another one, and avoids all."""
 FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)), robot={"ramp": 0.25})
-"""One behind the other."""
+"""Robots one behind the other."""
 PATROL = load("patrol").model_copy(update={"cohesion": None})
 
 
@@ -33,7 +33,7 @@ def changed(mission: Mission, **robot: Any) -> Mission:
     return mission.model_copy(update={"robots": robots})
 
 
-LONERS = changed(SIX, avoid=())
+WITHOUT_AVOID = changed(SIX, avoid=())
 """Robots that avoid only those that they measure."""
 
 
@@ -43,16 +43,16 @@ LONERS = changed(SIX, avoid=())
 )
 def test_robots_starting_in_exchanged_slots_form_without_contact(air: dict[str, Any]) -> None:
     fleet = Fleet(CROSSING, **air)
-    assert room(fleet, 30.0) > 0.0
+    assert least_gap(fleet, 30.0) > 0.0
     assert fleet.error() < SIX.settled
 
 
-def test_to_slow_down_for_a_body_waits_for_no_ramp() -> None:
-    assert room(Fleet(changed(CROSSING, ramp=1.0)), 10.0) > 0.0
+def test_robots_with_slow_ramp_pass_without_contact() -> None:
+    assert least_gap(Fleet(changed(CROSSING, ramp=1.0)), 10.0) > 0.0
 
 
-def test_without_the_filter_they_would_touch() -> None:
-    assert room(Fleet(scenarios.exchanged(SIX, mode="off")), 10.0) < 0.0
+def test_robots_touch_without_collision_filter() -> None:
+    assert least_gap(Fleet(scenarios.exchanged(SIX, mode="off")), 10.0) < 0.0
 
 
 def test_warn_mode_reports_avoiding_without_changing_commands() -> None:
@@ -67,14 +67,14 @@ def test_warn_mode_reports_avoiding_without_changing_commands() -> None:
     assert off.status("robot3").collisions is None
 
 
-def test_avoiding_robot_subscribes_only_to_positions_in_addition() -> None:
-    alone, avoiding = (set(Agent(one, "robot2").subscriptions) for one in (LONERS, CROSSING))
+def test_avoid_adds_only_position_subscriptions() -> None:
+    alone, avoiding = (set(Agent(one, "robot2").subscriptions) for one in (WITHOUT_AVOID, CROSSING))
     others = {POSITION.key(name) for name in SIX.followers if name != "robot2"}
     assert avoiding - alone == others
     assert set(Agent(CROSSING, "robot2", "paper").subscriptions) == alone
 
 
-def test_status_lists_avoided_and_unheard_robots() -> None:
+def test_status_lists_avoided_and_never_received_robots() -> None:
     fleet = Fleet(scenarios.exchanged(FILE))
     fleet.kill("robot4")
     fleet.run(8.0)
@@ -86,16 +86,16 @@ def test_status_lists_avoided_and_unheard_robots() -> None:
     assert result.collisions is CollisionMode.ON
 
 
-def test_robot_that_measures_only_the_leader_avoids_none() -> None:
-    assert Fleet(LONERS).after(2.0).status("robot2").collisions is None
+def test_robot_measuring_only_leader_reports_no_collision_mode() -> None:
+    assert Fleet(WITHOUT_AVOID).after(2.0).status("robot2").collisions is None
 
 
 @pytest.mark.slow
-def test_a_robot_that_died_in_front_is_driven_round() -> None:
+def test_robot_drives_round_dead_robot_ahead() -> None:
     fleet = Fleet(PATROL).after(9.0)
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
-    assert room(fleet, 13.0) > 0.0
+    assert least_gap(fleet, 13.0) > 0.0
     leader, *points = fleet.points()
     slot = fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission)[2]
     assert abs(points[1] - leader - slot) < 0.02
@@ -117,4 +117,4 @@ def test_dead_robot_ahead_is_never_hit(
     fleet.kill("robot1")
     fleet.run(coasts)
     fleet.plant("robot1").obey(AT_REST)
-    assert room(fleet, 8.0) > 0.0
+    assert least_gap(fleet, 8.0) > 0.0

@@ -1,4 +1,4 @@
-"""Whatever comes over the wire, an agent neither falls over nor moves because of it."""
+"""Invalid messages neither crash an agent nor move its robot."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def moment(step: int) -> Now:
 
 
 def relayed(step: int, shape: str = "hexagon") -> bytes:
-    """What a neighbour attaches to its position."""
+    """The position attachment of a neighbour."""
     what = Order(term=1, beat=step, mode="run", shape=shape)
     return order.encode(PositionAttachment(publisher_id="v", count=step, order=what, mission=SIX.tag))
 
 
 def inbox(step: int, me: Odometry | None = None, attachment: bytes | None = None) -> list[Sample]:
-    """What a healthy team would send in one period."""
+    """Messages of a healthy team in one period."""
     mono, wall = moment(step)
     way, attached = 0.2 * mono, relayed(step) if attachment is None else attachment
     samples = [
@@ -49,7 +49,7 @@ def inbox(step: int, me: Odometry | None = None, attachment: bytes | None = None
 
 
 def under_way() -> Agent:
-    """An agent that a healthy team has accompanied for four periods."""
+    """An agent after four periods in a healthy team."""
     agent = Agent(SIX, ME)
     for step in range(4):
         agent.step(moment(step), inbox(step))
@@ -61,7 +61,7 @@ def commands(outbox: list[Outgoing]) -> list[Twist]:
 
 
 def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
-    """Mutations of the real messages, on every key the agent listens to and some that it does not."""
+    """Mutations of valid messages, on keys to which the agent subscribes and on others."""
     honest = inbox(step)
     payloads = [sample.payload for sample in honest]
     attachments = [sample.attachment for sample in honest if sample.attachment]
@@ -73,7 +73,7 @@ def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
 
 
 def is_harmless(sample: Sample) -> bool:
-    """Whether the mutation made something that is not a legal message for its key (most, but not all, do)."""
+    """Whether the mutation is an invalid message for its key, as most are."""
     try:
         decode(Odometry if sample.key == ODOM.key(ME) else Pose, sample.payload)
     except ValueError:
@@ -81,7 +81,7 @@ def is_harmless(sample: Sample) -> bool:
     return sample.key not in {ODOM.key(ME), *(POSITION.key(name) for name in NEIGHBOURS)}
 
 
-def test_twenty_thousand_mutated_messages_crash_nothing_and_change_no_command() -> None:
+def test_mutated_messages_crash_nothing_and_change_no_command() -> None:
     dice = random.Random(20)
     spared, attacked = Agent(SIX, ME), Agent(SIX, ME)
     sent, position, heading = 0, -2.0 + 0.0j, 1.0 + 0.0j
@@ -109,7 +109,7 @@ def test_mutated_messages_neither_crash_nor_exceed_limits() -> None:
             assert abs(command.turn_rate) <= limits.max_turn_rate
 
 
-def test_every_dropped_message_is_counted_and_named_in_the_status() -> None:
+def test_dropped_messages_are_counted_and_listed_in_status() -> None:
     agent = Agent(SIX, ME)
     agent.step(moment(0), [Sample(POSITION.key("robot1"), b"\0\1\0\0cut", None, 0.0)])
     agent.step(moment(1), [Sample("robot9/position", b"", None, 0.05)])
@@ -120,7 +120,7 @@ def test_every_dropped_message_is_counted_and_named_in_the_status() -> None:
     assert b"geometry_msgs/msg/PoseStamped" in status.payload
 
 
-def test_status_stays_short_with_a_hundred_neighbours() -> None:
+def test_status_lists_dropped_messages_of_a_hundred_neighbours() -> None:
     followers = 100
     slots = np.linspace(0, -followers - 1, followers + 2, dtype=np.complex128)
     mission = build(slots, [(), *[(0,)] * followers, range(followers + 1)])
@@ -148,14 +148,14 @@ def test_status_stays_short_with_a_hundred_neighbours() -> None:
         b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":99, "mode":"fly", "shape":"hexagon"}}',
     ],
 )
-def test_position_without_publisher_id_is_dropped(attachment: bytes) -> None:
+def test_position_with_invalid_attachment_is_dropped(attachment: bytes) -> None:
     agent = under_way()
     agent.step(moment(4), inbox(4, attachment=attachment))
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.neighbours.each["robot1"].stream.state.arrived == moment(3).mono
 
 
-def test_unknown_shape_is_dropped_but_position_is_used() -> None:
+def test_order_with_unknown_shape_is_dropped_but_position_used() -> None:
     agent = under_way()
     agent.step(moment(4), inbox(4, attachment=relayed(4, "banana")))
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
@@ -173,7 +173,7 @@ def test_invalid_request_is_answered_with_reason(request_bytes: bytes) -> None:
     assert agent.decision.state is AgentState.WAITING
 
 
-def test_an_agent_needs_a_follower_and_a_law_that_exist() -> None:
+def test_agent_refuses_leader_and_unknown_law() -> None:
     with pytest.raises(ValueError, match="robot 'robot1': must be a follower"):
         Agent(SIX, "robot1")
     with pytest.raises(ValueError, match="law 'magic': must be one of field, paper"):

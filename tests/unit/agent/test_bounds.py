@@ -1,4 +1,4 @@
-"""Robots stay inside the mission's bounds, whatever they are told: production cores on a fake clock."""
+"""Robots stay inside the mission's bounds: production cores on a fake clock."""
 
 from __future__ import annotations
 
@@ -25,17 +25,21 @@ def within(mission: Mission, x: tuple[float, float], y: tuple[float, float]) -> 
     return mission.model_copy(update={"bounds": Bounds(x=x, y=y)})
 
 
-def led(mission: Mission, speed: float, degrees: float = 0.0, duration: float | None = None) -> Mission:
+def on_straight_route(
+    mission: Mission, speed: float, degrees: float = 0.0, duration: float | None = None
+) -> Mission:
     leg = Straight(speed=speed, heading_deg=degrees, duration=duration)
     return mission.model_copy(update={"route": (leg,)})
 
 
-STANDING = within(led(with_robots("six_robots", localisation="external"), 0.0), (-5.0, 10.0), (-5.0, 5.0))
+STANDING = within(
+    on_straight_route(with_robots("six_robots", localisation="external"), 0.0), (-5.0, 10.0), (-5.0, 5.0)
+)
 SQUARE = ((-6.0, 6.0), (-6.0, 6.0))
 
 
-def farthest(fleet: Fleet) -> float:
-    """How far the robots are outside; negative inside [m]."""
+def farthest_outside(fleet: Fleet) -> float:
+    """Greatest distance of a follower outside the bounds; negative inside [m]."""
     area = next(iter(fleet.agents.values()))._fence.area
     return max(area.breach(fleet.plant(name).position, "").excess for name in fleet.mission.followers)
 
@@ -55,14 +59,14 @@ def test_forged_order_outside_the_bounds_is_refused(change: dict[str, object]) -
 
 
 @pytest.mark.slow
-def test_false_leader_position_leads_no_robot_out() -> None:
-    """Its orders are inside the bounds, its position goes out at 0.5 m/s."""
+def test_false_leader_position_leads_no_robot_out_of_bounds() -> None:
+    """The leader's orders are inside the bounds; its position leaves them at 0.5 m/s."""
     fleet = Fleet(within(SIX, (-5.0, 12.0), (-4.0, 6.0)), seed=1).after(10.0)
     fleet.meddle = altered(
         POSITION.key("robot1"), Pose, lambda one: replace(one, position=one.position + 0.5 * fleet.now - 5.0)
     )
     fleet.run(30.0)
-    assert farthest(fleet) < 0.0
+    assert farthest_outside(fleet) < 0.0
     assert fleet.states == {AgentState.HOLD}
     assert "outside the bounds: robot1" in fleet.message("robot2")
 
@@ -70,8 +74,8 @@ def test_false_leader_position_leads_no_robot_out() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 135.0])
 def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
-    fleet = Fleet(within(led(SIX, 0.6, degrees), *SQUARE), seed=2).after(20.0)
-    assert farthest(fleet) < 0.0
+    fleet = Fleet(within(on_straight_route(SIX, 0.6, degrees), *SQUARE), seed=2).after(20.0)
+    assert farthest_outside(fleet) < 0.0
     assert fleet.error() < SIX.settled
     assert fleet.leader.plan.fenced
     assert fleet.states == {AgentState.RUN}
@@ -82,7 +86,7 @@ def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
 
 @pytest.mark.slow
 def test_team_at_the_bounds_can_be_led_back() -> None:
-    fleet = Fleet(within(led(SIX, 0.6), *SQUARE), seed=2).after(14.0)
+    fleet = Fleet(within(on_straight_route(SIX, 0.6), *SQUARE), seed=2).after(14.0)
     assert fleet.leader.plan.fenced
     assert not fleet.ask("robot1", "speed", speed=1.0, degrees=0.0).ok
     assert fleet.ask("robot1", "speed", speed=0.5, degrees=180.0).ok
@@ -92,7 +96,7 @@ def test_team_at_the_bounds_can_be_led_back() -> None:
 
 
 @pytest.mark.slow
-def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
+def test_robot_outside_bounds_holds_until_brought_back() -> None:
     fleet = Fleet(STANDING, seed=1).after(8.0)
     robot, home = fleet.plant("robot3"), fleet.plant("robot3").position
     robot.position = 0.0 + 7.5j
@@ -111,7 +115,7 @@ def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
 
 
 @pytest.mark.slow
-def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
+def test_noise_at_bounds_keeps_robot_in_hold() -> None:
     noisy = STANDING.simulated_robot.model_copy(update={"position_noise": 0.005})
     fleet = Fleet(STANDING.model_copy(update={"simulated_robot": noisy}), seed=1).after(10.0)
     fleet.plant("robot3").position = -1.5 + 5.0j
@@ -120,7 +124,7 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
     assert states == {AgentState.HOLD}
 
 
-def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
+def test_reply_names_slot_and_limit_of_bounds() -> None:
     fleet = Fleet(within(SIX, (-5.0, 25.0), (-4.0, 14.0)), seed=1).after(1.0)
     reply = fleet.ask("robot1", "scale", factor=3.0)
     assert not reply.ok
@@ -136,15 +140,17 @@ def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
     assert reply.reason.endswith("where robot2's slot reaches y = 13.6 m")
 
 
-def test_shape_that_a_finite_route_would_carry_out_is_refused() -> None:
-    fleet = Fleet(within(led(SIX, 0.5, duration=20.0), (-6.0, 12.0), (-6.0, 6.0)), seed=1).after(1.0)
+def test_rotation_that_leaves_bounds_later_on_route_is_refused() -> None:
+    fleet = Fleet(
+        within(on_straight_route(SIX, 0.5, duration=20.0), (-6.0, 12.0), (-6.0, 6.0)), seed=1
+    ).after(1.0)
     reply = fleet.ask("robot1", "rotate", degrees=180.0)
     assert not reply.ok
     assert "robot4's slot at x = 12 m, limit 11.6 m" in reply.reason
 
 
 @pytest.mark.slow
-def test_turning_team_is_stopped_before_its_slots_swing_out() -> None:
+def test_turning_team_stops_before_slots_leave_bounds() -> None:
     fleet = Fleet(within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0)), seed=1).after(45.0)
-    assert farthest(fleet) < 0.0
+    assert farthest_outside(fleet) < 0.0
     assert fleet.leader.plan.fenced

@@ -23,8 +23,8 @@ from tests.support.fleet import Fleet
 from tests.support.meddling import altered, lost, on
 from tests.support.missions import with_robots
 from tests.support.restarting import Team
-from tests.unit.agent.sudden import most_sudden
-from tests.unit.agent.test_scanning import room
+from tests.unit.agent.sudden import largest_command_change
+from tests.unit.agent.test_scanning import least_gap
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
@@ -34,7 +34,7 @@ AT_REST = (0.0, 0.0)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped())
-def test_the_shipped_missions_come_into_formation(name: str) -> None:
+def test_shipped_missions_come_into_formation(name: str) -> None:
     mission = load(name)
     fleet = Fleet(mission).after(mission.duration)
     bounds = {"two_chains": 0.12, "turtlebot3_pair": 0.03, "convoy": 0.06}
@@ -46,25 +46,25 @@ def test_six_robots_are_in_formation_within_eight_seconds() -> None:
 
 
 @pytest.mark.slow
-def test_the_printed_law_gets_there_too_but_takes_its_time() -> None:
+def test_paper_law_settles_between_8_and_90_seconds() -> None:
     fleet = Fleet(SIX, law="paper").after(8.0)
     assert fleet.error() > SIX.settled
     fleet.run(82.0)
     assert fleet.error() < SIX.settled
 
 
-def test_proportional_law_ramps_avoids_and_gets_there() -> None:
+def test_proportional_law_forms_with_ramp_and_avoidance() -> None:
     fleet = Fleet(scenarios.exchanged(SIX), law="proportional", seed=2)
-    assert room(fleet, 20.0) > 0.0
+    assert least_gap(fleet, 20.0) > 0.0
     assert fleet.error() < SIX.settled
-    assert most_sudden(fleet) <= MAX_CHANGE_SHARE + 1e-9
+    assert largest_command_change(fleet) <= MAX_CHANGE_SHARE + 1e-9
     assert any(agent.avoiding.state.avoided for agent in fleet.agents.values())
     assert all(agent.state.integral == 0j for agent in fleet.agents.values())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["field", "proportional"])
-def test_simulation_settles_when_agents_do(law: str) -> None:
+def test_simulation_and_agents_settle_at_the_same_time(law: str) -> None:
     mission = SIX.model_copy(update={"collisions": SIX.collisions.model_copy(update={"noise": 0.0})})
     fleet, settled = Fleet(mission, law=law, delay=(0.0, 0.0)), 0.0
     while fleet.now < 8.0:
@@ -78,7 +78,7 @@ def test_simulation_settles_when_agents_do(law: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "typical", "worst"), [(0.1, 0.001, 0.01), (0.3, 0.02, 0.12)])
-def test_robots_form_though_positions_are_lost(loss: float, typical: float, worst: float) -> None:
+def test_robots_form_despite_lost_positions(loss: float, typical: float, worst: float) -> None:
     fleet = Fleet.under_way(SIX, 15.0, loss=loss, seed=4)
     assert fleet.within_limits
     errors = fleet.errors(10.0)
@@ -87,7 +87,7 @@ def test_robots_form_though_positions_are_lost(loss: float, typical: float, wors
 
 
 @pytest.mark.parametrize(("late", "bound"), [*slow((0.0, 0.001)), (0.02, 0.01)])
-def test_robots_that_measure_displacements_themselves_form(late: float, bound: float) -> None:
+def test_robots_form_with_local_measurement(late: float, bound: float) -> None:
     fleet = Fleet(LOCAL)
     fleet.meddle = lambda sample: (
         (sample._replace(arrived=sample.arrived + late),) if "/relative/" in sample.key else (sample,)
@@ -96,7 +96,7 @@ def test_robots_that_measure_displacements_themselves_form(late: float, bound: f
     assert fleet.error() < bound
 
 
-def test_dead_leader_stops_all_robots_in_time() -> None:
+def test_robots_stop_within_leader_timeout_after_leader_dies() -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.kill("leader")
     fleet.run(5 * 0.05)
@@ -104,11 +104,11 @@ def test_dead_leader_stops_all_robots_in_time() -> None:
     assert "no neighbour can be followed; silent: robot1" in str(fleet.status("robot2").reason)
     fleet.run(LEADER_TIMEOUT_SECONDS - 0.05)
     assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
-    # robot6 receives robot4 and robot5 all the time: only the beat tells it
+    # robot6 still receives robot4 and robot5: only the beat shows that the leader is dead
     assert fleet.status("robot6").reason.code is Code.LEADER_LOST
 
 
-def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods() -> None:
+def test_robot_holds_only_without_any_fresh_neighbour() -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.kill("robot2")
     fleet.run(5.0)
@@ -121,7 +121,7 @@ def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods()
     assert not fleet.status("robot4").reason.values["unavailable"]
 
 
-def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
+def test_silent_odometry_stops_robot_within_quarter_second() -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.meddle = lost(ODOM.key("robot3"))
     fleet.run(3 * 0.05 + 0.06)
@@ -129,7 +129,7 @@ def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
     assert fleet.status("robot3").reason.code is Code.POSITION_SILENT
     before = len(fleet.commands["robot3"])
     fleet.run(1.0)
-    assert 18 <= len(fleet.commands["robot3"]) - before <= 22  # it is told so again and again
+    assert 18 <= len(fleet.commands["robot3"]) - before <= 22  # zero is sent in each period
 
 
 def test_hold_stops_all_and_run_moves_all_again() -> None:
@@ -144,7 +144,7 @@ def test_hold_stops_all_and_run_moves_all_again() -> None:
 
 
 @pytest.mark.slow
-def test_leader_stop_reaches_all_robots_hop_by_hop() -> None:
+def test_leader_stop_reaches_all_robots_within_six_hops() -> None:
     fleet = Fleet(load("two_chains")).after(5.0)
     fleet.ask("leader", "stop")
     fleet.run(6 * 0.06 + 0.1)
@@ -162,7 +162,7 @@ def test_agent_subscribes_only_to_needed_keys(name: str) -> None:
         assert set(agent.subscriptions) == {ODOM.key(robot)} | others | ballots | scan
 
 
-def test_an_agent_ends_with_zero_velocity_and_says_why() -> None:
+def test_halted_agent_sends_zero_and_reports_cause() -> None:
     fleet = Fleet(SIX).after(4.0)
     out = fleet.agents["robot2"].halt(fleet.moment, "SIGTERM")
     fleet._send("robot2", out)
@@ -170,15 +170,15 @@ def test_an_agent_ends_with_zero_velocity_and_says_why() -> None:
     assert fleet.status("robot2").reason == Reason.of(Code.ENDED, cause="SIGTERM")
 
 
-# Faults without a message: the robot in doubt stands still
+# Faults without an error message: the robot in doubt holds
 
 
 def neighbour_speeds(fleet: Fleet) -> list[float]:
-    """How fast robot3 believes that its neighbours drive [m/s]."""
+    """Speeds of robot3's neighbours by its own estimate [m/s]."""
     return [abs(one.velocity) for one in fleet.agents["robot3"].neighbours.each.values()]
 
 
-def test_too_rare_odometry_never_moves_robot() -> None:
+def test_robot_with_too_rare_odometry_never_moves() -> None:
     fleet, newest = Fleet(SIX), [0.0]
 
     def thin_out(sample: Sample) -> tuple[Sample, ...]:
@@ -200,14 +200,14 @@ def test_odometry_glitch_does_not_make_followers_lurch() -> None:
         ODOM.key("robot2"), Odometry, lambda seen: replace(seen, position=seen.position + next(off))
     )
     fleet.run(2.0)
-    # robot2 stands for a quarter of a second, and closes the 4 cm that its slot moves meanwhile
+    # robot2 stands for a quarter of a second, then makes up for 4 cm of motion of its slot
     for name in SIX.followers:
         assert max(abs(speed) for speed, _ in fleet.commands_since(name, 15.0)) < 0.55
 
 
-def test_a_position_said_again_and_again_is_not_followed() -> None:
+def test_repeated_position_is_not_followed() -> None:
     fleet, stuck = Fleet.under_way(SIX, 8.0), dict[str, bytes]()
-    fleet.meddle = on(  # the order goes on
+    fleet.meddle = on(  # the orders continue
         POSITION.key("robot1"), lambda one: (one._replace(payload=stuck.setdefault("", one.payload)),)
     )
     fleet.run(3.0)
@@ -245,7 +245,7 @@ def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
     assert fleet.error() < mission.settled
 
 
-def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
+def test_hold_and_stop_take_effect_at_next_step() -> None:
     fleet = Fleet.under_way(SIX, 8.0)
 
     def step() -> None:
@@ -264,13 +264,13 @@ def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
     assert fleet.last_command("robot3") == AT_REST
 
 
-# A robot that cuts commands to hundredths
+# A robot that truncates commands to hundredths
 
 
 def means(step: float, leader_speed: float) -> tuple[float, float]:
-    """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s].
+    """Mean forward speed over 10 s in formation: as the law wants it, and as the robot uses it [m/s].
 
-    The mission says that commands have this `step`; the robot cuts them to hundredths anyway.
+    In the mission commands have this `step`; the robot truncates them to hundredths in any case.
     """
     mission = with_robots("turtlebot3_pair", speed_step=step, turn_rate_step=step)
     (leg,) = mission.route
@@ -279,12 +279,12 @@ def means(step: float, leader_speed: float) -> tuple[float, float]:
     agent, before = fleet.agents["robot1"], len(fleet.commands["robot1"])
     law = agent._params.law
 
-    def overheard(*arguments: Any) -> tuple[Command, Any]:
+    def recorded(*arguments: Any) -> tuple[Command, Any]:
         command, integral = law(*arguments)
         wanted.append(float(command.speed))
         return command, integral
 
-    agent._params = agent._params._replace(law=overheard)
+    agent._params = agent._params._replace(law=recorded)
     fleet.run(10.0)
     reported = [int(speed * 100) / 100 for _, speed, _ in fleet.commands["robot1"][before:]]
     assert len(reported) == len(wanted) == pytest.approx(200, abs=2)
@@ -299,16 +299,16 @@ def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
 
 
 @pytest.mark.parametrize("leader_speed", [0.0549, *slow(0.045, 0.05, 0.0599)])
-def test_without_error_feedback_robot_is_too_slow(leader_speed: float) -> None:
+def test_robot_without_error_feedback_is_too_slow(leader_speed: float) -> None:
     wanted, reported = means(0.0, leader_speed)
     assert reported < 0.95 * wanted
 
 
-# Copies of a fleet, which other tests begin with
+# Copies of fleets, from which other tests start
 
 
 def events(fleet: Fleet) -> tuple[object, ...]:
-    """Have this and that happen to a fleet, and return what it does."""
+    """Kill, stop and restart parts of a fleet; return its commands, messages and leader terms."""
     name = fleet.mission.followers[-1]
     fleet.kill(name)
     fleet.run(0.5)
@@ -321,7 +321,7 @@ def events(fleet: Fleet) -> tuple[object, ...]:
     return dict(fleet.commands), [fleet.message(one) for one in fleet.agents], fleet.leader_terms
 
 
-def test_copied_fleets_do_the_same_as_a_new_one() -> None:
+def test_copied_fleet_behaves_like_new_fleet() -> None:
     for kind, name in ((Team, "turtlebot3_pair"), (Fleet, "patrol")):
         mission = load(name)
         new = events(kind(mission, loss=0.1).after(2.0))

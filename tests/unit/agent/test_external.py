@@ -1,4 +1,4 @@
-"""A robot that is localised by external poses instead of by its odometry."""
+"""Robots that are localised by external poses instead of odometry."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ both = pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "me
 
 
 def heading_error(fleet: Fleet, name: str) -> float:
-    """How far the agent is off [rad]."""
+    """Error of the agent's heading [rad]."""
     return abs(float(angle_between(fleet.world.plant(name).heading, fleet.agents[name].here.heading)))
 
 
@@ -43,7 +43,7 @@ def test_agent_with_external_pose_ignores_odometry() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", [SEEN, MEASURED, SIX], ids=["observer", "measured", "six"])
-def test_robots_that_are_seen_from_outside_come_into_formation(mission: Mission) -> None:
+def test_robots_with_external_pose_come_into_formation(mission: Mission) -> None:
     fleet = Fleet(mission).after(30.0)
     assert fleet.error() < 0.005
     assert max(heading_error(fleet, name) for name in mission.followers) < 0.02
@@ -51,7 +51,7 @@ def test_robots_that_are_seen_from_outside_come_into_formation(mission: Mission)
 
 @pytest.mark.slow
 @both
-def test_noisy_and_late_camera_keeps_formation(mission: Mission) -> None:
+def test_robots_keep_formation_with_noisy_late_camera(mission: Mission) -> None:
     fleet, dice = Fleet(mission), np.random.default_rng(8)
 
     def camera(sample: Sample) -> tuple[Sample]:
@@ -67,7 +67,7 @@ def test_noisy_and_late_camera_keeps_formation(mission: Mission) -> None:
     assert max(fleet.errors(10.0)) < 0.02
 
 
-def test_the_observer_does_not_read_the_orientation_that_the_camera_gives() -> None:
+def test_heading_observer_ignores_orientation_of_external_pose() -> None:
     plain, twisted = Fleet(SEEN), Fleet(SEEN)
     twisted.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=1j))
     for fleet in (plain, twisted):
@@ -75,7 +75,7 @@ def test_the_observer_does_not_read_the_orientation_that_the_camera_gives() -> N
     assert plain.commands["robot1"] == twisted.commands["robot1"]
 
 
-def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> None:
+def test_silent_external_pose_stops_robot_until_it_returns() -> None:
     fleet = Fleet(SEEN).after(5.0)
     fleet.meddle = lost(POSE.key("robot1"))
     fleet.run(3 * 0.05 + 0.06)
@@ -87,7 +87,7 @@ def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> Non
 
 
 @pytest.mark.parametrize("mission", [*slow(SEEN), MEASURED], ids=["observer", "measured"])
-def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) -> None:
+def test_jump_of_external_pose_stops_robot_without_lurch(mission: Mission) -> None:
     fleet = Fleet.under_way(mission, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position - 1j))
     fleet.run(0.1)
@@ -109,8 +109,8 @@ def test_measured_heading_comes_from_odometry_at_once() -> None:
 
 
 @pytest.mark.parametrize("heading", ["observer", *slow("measured")])
-def test_rare_positions_do_not_spoil_heading(heading: str) -> None:
-    # a ramp begins anew after each gap: it would hold back a robot that is stopped twice a second
+def test_heading_stays_accurate_with_rare_positions(heading: str) -> None:
+    # a ramp restarts after each gap: it would slow down a robot that stops twice a second
     fleet = Fleet(with_robots("turtlebot3_pair", localisation="external", heading=heading, ramp=0.0))
     count = itertools.count()
     fleet.meddle = on(
@@ -165,7 +165,7 @@ def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) ->
 
 
 @pytest.mark.parametrize("degrees", [90, *slow(180)])
-def test_a_measured_heading_needs_no_start_pose_to_agree_with(degrees: float) -> None:
+def test_measured_heading_may_differ_from_start_heading(degrees: float) -> None:
     fleet = Fleet(MEASURED)
     fleet.plant("robot1").heading *= cmath.rect(1.0, math.radians(degrees))
     fleet.run(20.0)

@@ -1,4 +1,4 @@
-"""A leader that can be replaced: who leads after it, from where, and what the robots notice of it."""
+"""Takeover by standbys: which candidate leads, from which position, and what the robots do meanwhile."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from formation.mission.robot import Start
 from formation.wire import Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet, Link
-from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.sudden import largest_command_change
 
 
 def in_place(mission: Mission) -> Mission:
-    """The mission with its robots where they are to be."""
+    """The mission with its robots at their slots."""
     robots = dict(mission.robots)
     for name in mission.followers:
         slot = mission.slot(name) - robots[name].control_point_offset
@@ -27,19 +27,19 @@ def in_place(mission: Mission) -> Mission:
 
 PATROL = in_place(load("patrol"))
 SPEED = 0.2
-"""Of the leader on its route [m/s]."""
+"""Speed of the leader on its route [m/s]."""
 PERIOD = 0.05
 
 
-def led(fleet: Fleet) -> list[str]:
-    """The names of those that led, one after the other."""
+def leader_names(fleet: Fleet) -> list[str]:
+    """Names of the candidates that led, in order."""
     return [leader_term.name for leader_term in fleet.leader_terms]
 
 
 def driving(seed: int = 1) -> Fleet:
-    """The leader's own process has led a while, and the team is in formation."""
+    """A fleet in formation behind the leader's own process."""
     fleet = Fleet.under_way(PATROL, 4.0, seed=seed)
-    assert led(fleet) == ["leader"]
+    assert leader_names(fleet) == ["leader"]
     assert fleet.error() < 0.1
     return fleet
 
@@ -58,7 +58,7 @@ def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
     last, time, died = fleet.leader.where(fleet.now), fleet.leader.route_time, fleet.now
     fleet.kill("leader")
     fleet.run(PATROL.takeover + 2 * PERIOD)
-    assert led(fleet) == ["leader", "deputy"]
+    assert leader_names(fleet) == ["leader", "deputy"]
     deputy, since = fleet.candidates["deputy"], fleet.leader_terms[-1].since
     assert since - died <= PATROL.takeover
     moment = since if fleet.now - since < PERIOD else fleet.now
@@ -66,7 +66,7 @@ def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
     assert abs(deputy.route_time - time) <= fleet.now - died + 2 * PERIOD
     fleet.run(5.0)
     assert fleet.error() < 0.1
-    assert most_sudden(fleet, died, rests=True) <= 0.5
+    assert largest_command_change(fleet, died, rests=True) <= 0.5
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
     assert fleet.most_at_once == 1
 
@@ -85,7 +85,7 @@ def test_orders_stay_in_force_under_next_leader(fleet: Fleet) -> None:
     assert fleet.error() < 0.1
 
 
-def test_a_stop_of_a_leader_that_dies_stays(fleet: Fleet) -> None:
+def test_stop_stays_in_force_after_leader_dies(fleet: Fleet) -> None:
     fleet.ask("leader", "stop")
     fleet.run(0.3)
     fleet.kill("leader")
@@ -94,12 +94,12 @@ def test_a_stop_of_a_leader_that_dies_stays(fleet: Fleet) -> None:
     assert {fleet.status(name).state for name in fleet.agents} == {"stop"}
 
 
-def test_a_leader_that_comes_back_yields(fleet: Fleet) -> None:
+def test_restarted_leader_leads_only_after_deputy_dies(fleet: Fleet) -> None:
     fleet.kill("leader")
     fleet.run(2.0)
     fleet.restart("leader")
     fleet.run(3.0)
-    assert led(fleet) == ["leader", "deputy"]
+    assert leader_names(fleet) == ["leader", "deputy"]
     assert fleet.leaders == ["deputy"]
     assert not fleet.leader.leads
     fleet.kill("deputy")
@@ -119,7 +119,7 @@ def test_thawed_leader_publishes_no_order(fleet: Fleet) -> None:
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
 
 
-def test_a_leader_with_a_minority_stands_down_before_another_leads(fleet: Fleet) -> None:
+def test_leader_with_minority_stands_down_before_takeover(fleet: Fleet) -> None:
     few = {"leader", "robot1"}
     fleet.cut(few, fleet.nodes.keys() - few - {"world"})
     fleet.run(0.6)
@@ -130,12 +130,12 @@ def test_a_leader_with_a_minority_stands_down_before_another_leads(fleet: Fleet)
     assert fleet.status("robot1").state == "hold"
     fleet.heal()
     fleet.run(5.0)
-    assert led(fleet) == ["leader", "deputy"]
+    assert leader_names(fleet) == ["leader", "deputy"]
     assert fleet.status("robot1").state == "run"
     assert fleet.error() < 0.1
 
 
-def test_if_the_first_standby_is_dead_as_well_the_second_leads(fleet: Fleet) -> None:
+def test_second_standby_leads_if_leader_and_first_are_dead(fleet: Fleet) -> None:
     fleet.kill("deputy")
     fleet.kill("leader")
     fleet.run(1.2)
@@ -158,17 +158,17 @@ def test_restarting_each_agent_in_turn_keeps_leader(fleet: Fleet) -> None:
         fleet.restart(name)
         fleet.run(2.0)
         assert fleet.status(name).state == "run"
-    assert led(fleet) == ["leader"]
+    assert leader_names(fleet) == ["leader"]
 
 
 def test_bad_links_neither_split_team_nor_change_leader(fleet: Fleet) -> None:
     names = fleet.nodes.keys() - {"world"}
     fleet.links = dict.fromkeys(product(names, names), Link(loss=0.3, delay=(0.0, 0.1), twice=0.2))
     fleet.run(6.0)
-    assert led(fleet) == ["leader"]
+    assert leader_names(fleet) == ["leader"]
 
 
-def test_without_standbys_no_election_message_is_sent() -> None:
+def test_mission_without_standbys_sends_no_election_messages() -> None:
     fleet, result = Fleet(load("six_robots")), set()
 
     def listen(sample: Sample) -> tuple[Sample, ...]:

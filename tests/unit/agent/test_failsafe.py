@@ -1,4 +1,4 @@
-"""The decision table: which doubt stops the robot, and which comes first."""
+"""The failsafe table: which doubt leads to which state and reason, and which comes first."""
 
 from __future__ import annotations
 
@@ -93,17 +93,15 @@ DOUBTS = [
     for doubt, words in rows
 ]
 SHARED = {Code.NO_ORDER, Code.STOPPED_BY_LEADER, Code.HELD_BY_LEADER}
-"""Reasons that are not one robot's own; nor is a lack of neighbours once the leader itself is silent."""
+"""Reasons that concern the whole team; so does a lack of neighbours while the leader is silent."""
 
 
-def test_a_robot_runs_when_there_is_no_doubt() -> None:
+def test_robot_runs_without_any_doubt() -> None:
     assert decide(FINE) == Decision(AgentState.RUN, Reason(Code.RUNNING), own=False, probes=False)
 
 
 @pytest.mark.parametrize(("doubt", "state", "words"), DOUBTS)
-def test_every_doubt_keeps_the_robot_from_running_and_is_named(
-    doubt: dict[str, Any], state: AgentState, words: str
-) -> None:
+def test_each_doubt_gives_its_state_and_reason(doubt: dict[str, Any], state: AgentState, words: str) -> None:
     facts = FINE._replace(**doubt)
     decision = decide(facts)
     assert decision.state is state
@@ -112,7 +110,7 @@ def test_every_doubt_keeps_the_robot_from_running_and_is_named(
     assert decide(facts._replace(latched="stop")).reason == Reason(Code.STOPPED_BY_OPERATOR)
 
 
-def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
+def test_every_failsafe_row_is_reached_by_a_doubt() -> None:
     reached = {
         next(i for i, row in enumerate(TABLE) if row.applies(FINE._replace(**d))) for d, _, _ in DOUBTS
     }

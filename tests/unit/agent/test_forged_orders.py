@@ -1,4 +1,4 @@
-"""An insider: a follower's process with a valid certificate of its own, which relays what no leader gave."""
+"""An insider, a follower's process with a valid certificate of its own, relays forged orders."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Forgery = Callable[[SignedFleet, PositionAttachment], PositionAttachment]
 
 
 def held(fleet: SignedFleet) -> SignedFleet:
-    """The team drives in formation, and is then held by its leader."""
+    """The fleet after it has driven and is held by its leader."""
     fleet.run(3.0)
     assert fleet.states == {AgentState.RUN}
     assert fleet.ask("leader", "hold").ok
@@ -52,7 +52,7 @@ def tamper(fleet: SignedFleet, forgery: Forgery) -> None:
 def replay(
     fleet: SignedFleet, tape: Iterable[PositionAttachment], **changes: object
 ) -> Iterator[PositionAttachment]:
-    """Have the insider relay the recorded orders to run from now on; what is left of them."""
+    """Have the insider relay the recorded run orders from now on; return those not yet relayed."""
     left = iter([one for one in tape if one.order and one.order.mode == "run"])
 
     def replayed(sender: str, attachment: PositionAttachment) -> PositionAttachment:
@@ -67,12 +67,12 @@ def replay(
 
 
 def moved(fleet: Fleet, names: Iterable[str], since: float) -> list[str]:
-    """The robots that got another command than zero velocity."""
+    """Robots with a command other than zero velocity since then."""
     return [name for name in names if not set(fleet.commands_since(name, since)) <= {AT_REST}]
 
 
 def run_ahead(attached: PositionAttachment, **changes: object) -> PositionAttachment:
-    """The same with an order ahead of the leader's to run; its signature stays as it was."""
+    """The attachment with a run order ahead of the leader's beat, and with its old signature."""
     assert attached.order is not None
     what = attached.order.model_copy(update={"beat": 1_000_000 + attached.count, **RUN, **changes})
     signed_text = order.encode(what).decode() if attached.signed else ""
@@ -113,7 +113,7 @@ FORGERIES: tuple[Forgery, ...] = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> None:
+def test_forged_order_moves_no_robot_and_status_names_forger(forgery: Forgery) -> None:
     fleet = held(SignedFleet(TEAM, seed=1))
     start = fleet.now
     tamper(fleet, forgery)
@@ -129,16 +129,16 @@ def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> N
 
 
 @pytest.mark.parametrize("forgery", [unsigned, other_gains])
-def test_without_certificates_the_same_forgery_moves_robots(forgery: Forgery) -> None:
-    """The limit of a mission without certificates, and proof that the test above would see an effect."""
+def test_forged_order_moves_robots_without_certificates(forgery: Forgery) -> None:
+    """This is the limit of a mission without certificates; it shows that forgeries have an effect."""
     fleet = held(unprotected())
     tamper(fleet, forgery)
     fleet.run(2.0)
     assert AgentState.RUN in {fleet.agents[name].decision.state for name in OTHERS}
 
 
-def test_leader_that_is_heard_outdoes_relays_ahead_of_it() -> None:
-    """Without certificates: whoever hears the leader itself goes by what the leader itself says."""
+def test_leader_received_directly_overrides_relays_ahead_of_it() -> None:
+    """Without certificates, a robot that receives the leader itself follows the leader's own orders."""
     fleet = held(unprotected(team({"r0": ["leader"], "r1": ["leader", "r0"]})))
     tamper(fleet, unsigned_later_term)
     fleet.run(3.0)
@@ -156,7 +156,7 @@ def test_leader_raises_alarm_at_relays_ahead_of_its_beat() -> None:
 
 
 def taped(fleet: SignedFleet) -> list[PositionAttachment]:
-    """What the insider relays from now on with a signature; it grows."""
+    """A growing list of the signed attachments that the insider sends from now on."""
     tape: list[PositionAttachment] = []
 
     def keep(sender: str, attachment: PositionAttachment) -> PositionAttachment:
@@ -168,8 +168,8 @@ def taped(fleet: SignedFleet) -> list[PositionAttachment]:
     return tape
 
 
-def test_replayed_orders_change_nothing() -> None:
-    """An order to run, with a right signature, relayed again after the leader has said hold."""
+def test_replayed_run_orders_do_not_end_hold() -> None:
+    """Run orders with valid signatures are relayed again after the leader's hold."""
     fleet = SignedFleet(TEAM, seed=1)
     tape = taped(fleet)
     start = held(fleet).now
@@ -179,8 +179,8 @@ def test_replayed_orders_change_nothing() -> None:
     assert moved(fleet, OTHERS, start) == []
 
 
-def test_recorded_orders_of_an_earlier_term_change_nothing() -> None:
-    """The leader began a second term and was ended in it, however long ago."""
+def test_replayed_orders_of_earlier_term_change_nothing() -> None:
+    """The leader ended in its second term; orders of the first are replayed 7 s later."""
     fleet = SignedFleet(TEAM, seed=1)
     tape = taped(fleet)
     fleet.run(3.0)
@@ -204,8 +204,8 @@ def terms(fleet: SignedFleet) -> set[int]:
 
 
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), *slow((1.0, 0.0), (0.0, -1.0))])
-def test_clock_set_back_locks_no_robot_out(before: float, after: float) -> None:
-    """The leader's clock was wrong by so many hours, in a term silent for long; its state is lost."""
+def test_robots_obey_leader_restarted_with_clock_set_back(before: float, after: float) -> None:
+    """The leader's clock was `before` hours ahead, then `after`; it restarts without saved state."""
     fleet = SignedFleet(TEAM, seed=1)
     fleet.nodes["leader"].clock_error = 3600.0 * before
     fleet.run(3.0)
@@ -219,8 +219,8 @@ def test_clock_set_back_locks_no_robot_out(before: float, after: float) -> None:
     assert terms(fleet) == {fleet.leader.term}
 
 
-def test_robots_that_forgot_the_term_hold_no_others() -> None:
-    """The leader's clock was set back, and only robots that it does not hear know the later term."""
+def test_robots_with_different_terms_reach_common_term() -> None:
+    """The leader restarts with its clock set back; only robots that it does not receive know its term."""
     fleet = SignedFleet(TEAM, seed=1).after(3.0)
     for name in ("leader", "r0", "r1"):
         fleet.kill(name)
@@ -237,7 +237,7 @@ def test_robots_that_forgot_the_term_hold_no_others() -> None:
 
 
 def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
-    """A mission half of whose processes have certificates."""
+    """The robots have certificates, the leader has none."""
     fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"})).after(2.0)
     for name in ("r0", "r1"):
         assert fleet.agents[name].decision.state is AgentState.HOLD
@@ -246,8 +246,8 @@ def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
 
 
 @pytest.mark.slow
-def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
-    """The leader comes back with a new key; robots get its certificate with the positions."""
+def test_signed_fleet_forms_after_leader_certificate_is_renewed() -> None:
+    """The leader restarts with a new key; robots receive its certificate with the positions."""
     fleet = SignedFleet(TEAM, seed=3).after(4.0)
     keys = {fleet.signers["leader"].certificate}
     fleet.kill("leader")
@@ -264,7 +264,7 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     assert not any(agent.orders.forgers(fleet.moment) for agent in fleet.agents.values())
 
 
-def test_robot_that_joins_late_gets_the_certificate() -> None:
+def test_restarted_robot_receives_certificate_and_runs() -> None:
     fleet = SignedFleet(TEAM, seed=4).after(3.0)
     fleet.kill("r4")
     fleet.run(1.0)
@@ -273,8 +273,8 @@ def test_robot_that_joins_late_gets_the_certificate() -> None:
     assert fleet.agents["r4"].decision.state is AgentState.RUN
 
 
-def test_positions_stay_small() -> None:
-    """Whatever is signed goes into one datagram: 1150 bytes on a link that may drop."""
+def test_signed_attachments_stay_below_900_bytes() -> None:
+    """A position must fit into one datagram: 1150 bytes on a link that may drop."""
     what = Order(
         term=2**63 - 1, beat=10_000_000, mode="hold", shape="line", rotation=1.2345678901234567,
         scale=1.2345678901234567, base_mode="hold", holding=True, route="0123456789abcdef",
@@ -296,8 +296,8 @@ def test_positions_stay_small() -> None:
 
 
 @pytest.mark.slow
-def test_twenty_robots_stand_through_every_forgery_in_turn() -> None:
-    """At 20 Hz; the insider is received by three of them, and forges in another way with each message."""
+def test_twenty_robots_hold_through_all_forgeries() -> None:
+    """Three robots receive the insider, which uses another forgery in each message, at 20 Hz."""
     names = [f"r{number}" for number in range(20)]
     neighbours = {name: names[max(0, number - 3) : number] or ["leader"] for number, name in enumerate(names)}
     fleet = held(SignedFleet(team({**neighbours, "r1": ["leader", "r0"]}, max_speed=1.5), seed=1))

@@ -1,4 +1,4 @@
-"""A robot is lost: the others go on with whom they have left, and take it back when it follows again."""
+"""One robot is lost: the others follow their remaining neighbours until it follows again."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from tests.support.examples import slow
 from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
 from tests.support.missions import team, teams, with_robots
-from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.sudden import largest_command_change
 
 PATROL = with_robots("patrol", scanner="none").model_copy(
     update={"cohesion": None, "collisions": Collisions(mode="off")}
 )
-"""Whose leader drives as evenly as it would without them; nobody goes round a robot that stands."""
+"""Without cohesion the leader drives evenly; without collision filter no robot drives round another."""
 SIX = load("six_robots")
 BEHIND = {"robot1": "robot2", "robot5": "robot4"}
-"""Who measures nobody else, and the leader for a fallback."""
+"""The robot behind each of two: it measures only that one, and has the leader as fallback neighbour."""
 
 
 def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
@@ -42,8 +42,8 @@ def ask_all(fleet: Fleet, names: Iterable[str], do: str) -> None:
         assert fleet.ask(name, do).ok
 
 
-def off(fleet: Fleet) -> dict[str, float]:
-    """How far each robot really is from its slot behind the leader [m]."""
+def slot_errors(fleet: Fleet) -> dict[str, float]:
+    """True distance of each follower from its slot [m]."""
     leader, *points = fleet.points()
     slots = fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission)[1:]
     followers = fleet.mission.followers
@@ -51,12 +51,12 @@ def off(fleet: Fleet) -> dict[str, float]:
 
 
 def unavailable(fleet: Fleet) -> list[str]:
-    """The robots that say so."""
+    """The robots that publish that they are unavailable."""
     return [name for name, agent in fleet.agents.items() if agent.state.availability.published]
 
 
-def follow_their_own(fleet: Fleet, mission: Mission) -> None:
-    """All robots run again, soon after the last was lost, and measure the robots that they should."""
+def assert_own_neighbours_followed(fleet: Fleet, mission: Mission) -> None:
+    """Assert that all robots soon run again and follow their own neighbours."""
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert fleet.states == {AgentState.RUN}
     assert unavailable(fleet) == []
@@ -65,7 +65,7 @@ def follow_their_own(fleet: Fleet, mission: Mission) -> None:
 
 
 def dead(fleet: Fleet, name: str) -> Callable[[], None]:
-    """Its agent is; the watchdog has it stand."""
+    """Kill the agent; the robot stands, as by its watchdog."""
     fleet.kill(name)
     fleet.world._hosted[name].plant.obey(AT_REST)
     return lambda: fleet.restart(name)
@@ -87,7 +87,7 @@ def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
 
 
 def blocked(fleet: Fleet, name: str) -> Callable[[], None]:
-    """Its wheels do not turn, whatever it is told."""
+    """Block the wheels: the robot ignores all commands."""
     plant = fleet.world._hosted[name].plant
     obey = plant.obey
     plant.obey = lambda _: obey(AT_REST)  # type: ignore[method-assign, assignment]
@@ -105,28 +105,28 @@ LOSSES = [dead, stopped, held, without_odometry, blocked]
         *slow((stopped, "robot1"), (held, "robot1"), *((lose, "robot5") for lose in LOSSES)),
     ],
 )
-def test_others_stay_in_formation_when_one_cannot_follow(
+def test_other_robots_stay_in_formation_when_one_is_lost(
     lose: Callable[[Fleet, str], Callable[[], None]], name: str
 ) -> None:
     fleet = under_way()
     others = [other for other in PATROL.followers if other != name]
     since = fleet.now
     restore = lose(fleet, name)
-    worst = max(off(fleet)[other] for _ in fleet.every(0.1, 4.0) for other in others)
+    worst = max(slot_errors(fleet)[other] for _ in fleet.every(0.1, 4.0) for other in others)
     assert {fleet.agents[other].decision.state for other in others} == {AgentState.RUN}
     assert fleet.agents[BEHIND[name]].neighbours.guides == ("leader",)
     assert fleet.status(BEHIND[name]).follows == ("leader",)
-    # a blocked robot is believed until it is plain that it does not move
+    # others follow a blocked robot until its agent detects that it does not move
     assert worst < (0.35 if lose is blocked else 0.02)
-    assert max(off(fleet)[other] for other in others) < 0.02
-    assert most_sudden(fleet, since) < (0.25 if lose is blocked else 0.1)
+    assert max(slot_errors(fleet)[other] for other in others) < 0.02
+    assert largest_command_change(fleet, since) < (0.25 if lose is blocked else 0.1)
     since = fleet.now
     restore()
-    seconds = 8.0 if lose is blocked else 6.0  # a probe stands for longer to see that nothing moves late
-    assert max(off(fleet)[other] for _ in fleet.every(0.1, seconds) for other in others) < 0.02
-    assert max(off(fleet).values()) < 0.02
+    seconds = 8.0 if lose is blocked else 6.0  # a probe waits longer, to see late motion
+    assert max(slot_errors(fleet)[other] for _ in fleet.every(0.1, seconds) for other in others) < 0.02
+    assert max(slot_errors(fleet).values()) < 0.02
     assert fleet.agents[BEHIND[name]].neighbours.guides == (name,)
-    assert most_sudden(fleet, since) < 0.25
+    assert largest_command_change(fleet, since) < 0.25
 
 
 def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None:
@@ -135,12 +135,12 @@ def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None
     fleet.run(3.0)
     assert fleet.agents["robot4"].neighbours.guides == ("robot2",)
     assert fleet.agents["robot5"].neighbours.guides == ("robot4",)
-    found = off(fleet)
+    found = slot_errors(fleet)
     assert found.pop("robot3") > 0.5
     assert max(found.values()) < 0.02
 
 
-def test_a_blocked_robot_holds_says_so_and_probes() -> None:
+def test_blocked_robot_holds_reports_frozen_motion_and_probes() -> None:
     fleet = under_way()
     blocked(fleet, "robot1")
     since = fleet.now
@@ -155,7 +155,7 @@ def test_a_blocked_robot_holds_says_so_and_probes() -> None:
 
 
 @pytest.mark.slow
-def test_those_behind_a_held_robot_hold_and_follow_it_home() -> None:
+def test_robots_behind_held_robot_hold_until_it_runs() -> None:
     fleet = under_way(load("two_chains"))
     fleet.ask("left3", "hold")
     fleet.run(3.0)
@@ -168,25 +168,25 @@ def test_those_behind_a_held_robot_hold_and_follow_it_home() -> None:
     fleet.run(1.0)
     assert {fleet.agents[f"left{k}"].decision.state for k in range(1, 7)} == {AgentState.RUN}
     fleet.run(14.0)
-    assert max(off(fleet).values()) < 0.1
+    assert max(slot_errors(fleet).values()) < 0.1
     assert unavailable(fleet) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("do", ["hold", "stop"])
-def test_no_robot_is_unavailable_while_the_team_stands(do: str) -> None:
+def test_standing_team_has_no_unavailable_robot(do: str) -> None:
     fleet = under_way()
     ask_all(fleet, PATROL.names, do)
     fleet.run(1.0)
     assert unavailable(fleet) == []
 
 
-def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
+def test_starting_team_has_no_unavailable_robot() -> None:
     assert not any(unavailable(fleet) for fleet in Fleet(SIX).every(0.1, 6.0))
 
 
 @pytest.mark.slow
-def test_robot_off_slot_counts_as_available_after_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_robot_off_slot_is_available_after_fault_free_time(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet = under_way()
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
@@ -201,26 +201,26 @@ def test_robot_off_slot_counts_as_available_after_patience(monkeypatch: pytest.M
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(teams(), st.data())
-def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, data: st.DataObject) -> None:
+def test_robots_predicted_by_losing_hold_and_resume(mission: Mission, data: st.DataObject) -> None:
     lost = data.draw(st.sampled_from(mission.followers))
     lose = data.draw(st.sampled_from([dead, held]))
     fleet = under_way(mission, 2.0)
     assert fleet.states == {AgentState.RUN}
     restore = lose(fleet, lost)
     fleet.run(2.5)
-    foretold = losing(mission, lost)
+    predicted = losing(mission, lost)
     stand = {name for name, agent in fleet.agents.items() if agent.decision.state is not AgentState.RUN}
-    assert stand - {lost} == set(foretold.holding)
-    for name, guides in foretold.instead.items():
+    assert stand - {lost} == set(predicted.holding)
+    for name, guides in predicted.instead.items():
         assert fleet.agents[name].neighbours.guides == guides
     restore()
-    follow_their_own(fleet, mission)
+    assert_own_neighbours_followed(fleet, mission)
 
 
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(teams(most=5), st.data())
-def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st.DataObject) -> None:
+def test_all_robots_resume_after_run_in_any_order(mission: Mission, data: st.DataObject) -> None:
     some = data.draw(st.lists(st.sampled_from(mission.followers), min_size=1, unique=True))
     fleet = under_way(mission, 2.0)
     ask_all(fleet, some, "hold")
@@ -228,7 +228,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
     for name in data.draw(st.permutations(some)):
         fleet.ask(name, "run")
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
-    follow_their_own(fleet, mission)
+    assert_own_neighbours_followed(fleet, mission)
 
 
 @pytest.mark.slow
@@ -238,7 +238,7 @@ def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
     for do, seconds in (("hold", 3.0), ("run", 8.0)):
         ask_all(fleet, mission.followers, do)
         fleet.run(seconds)
-    assert max(off(fleet).values()) < 0.02
+    assert max(slot_errors(fleet).values()) < 0.02
     assert unavailable(fleet) == []
 
 
@@ -251,5 +251,5 @@ def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
     fleet.meddle = on(POSITION.key("robot2"), forged)
     fleet.run(3.0)
     assert fleet.states == {AgentState.RUN}
-    assert max(off(fleet).values()) < 0.02
+    assert max(slot_errors(fleet).values()) < 0.02
     assert fleet.agents["robot3"].neighbours.guides == ("robot1",)

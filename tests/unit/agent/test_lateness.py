@@ -40,7 +40,7 @@ def test_robot_holds_while_own_positions_are_late(mission: Mission, link: Link, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.1, 0.15])
-def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
+def test_own_positions_late_within_limit_keep_formation(late: float) -> None:
     fleet = Fleet(SIX)
     fleet.sensors = dict.fromkeys(SIX.followers, Link(0.0, (late, late)))
     fleet.run(20.0)
@@ -49,7 +49,7 @@ def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
 
 
 @pytest.mark.parametrize("words", ["links later by 1 s/s", *slow("links of 3 kB/s")])
-def test_robots_hold_soon_after_the_leader_dies_behind_slow_links(words: str) -> None:
+def test_robots_hold_soon_after_leader_dies_behind_slow_links(words: str) -> None:
     assert dead_leader(PAIR, LINKS[words], seed=1) <= BOUNDED
 
 
@@ -59,14 +59,14 @@ def behind_slowing_links(seconds: float) -> Fleet:
     return fleet.after(seconds)
 
 
-def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
+def test_hold_takes_effect_behind_slowing_links() -> None:
     fleet = behind_slowing_links(3.0)
     fleet.ask("robot1", "hold")
     fleet.run(LEADER_TIMEOUT_SECONDS + MAX_BEAT_LATENESS)
     assert fleet.agents["robot2"].decision.state is AgentState.HOLD
 
 
-def test_robot_follows_again_when_links_are_well() -> None:
+def test_robot_follows_again_after_links_recover() -> None:
     fleet = behind_slowing_links(5.0)
     assert fleet.agents["robot2"].decision.state == "hold"
     fleet.heal()
@@ -84,7 +84,7 @@ def test_thawed_leader_is_followed_at_once() -> None:
 
 
 @pytest.mark.slow
-def test_uneven_links_never_hold_for_good() -> None:
+def test_uneven_links_cause_only_short_holds() -> None:
     fleet = Fleet(SIX, delay=(0.1, 0.3), seed=3).after(15.0)
     held: list[Reason] = []
     for _ in fleet.every(0.1, 10.0):
@@ -106,7 +106,7 @@ def stream_after(*moments: float, sender_error: float = 0.0) -> Stream:
     return stream
 
 
-def test_nothing_is_fresh_before_the_first_message() -> None:
+def test_stream_is_not_fresh_before_first_message() -> None:
     stream = Stream(RATE)
     assert not stream.fresh(at(0.0))
     assert stream.silence(at(0.0)) == float("inf")
@@ -115,7 +115,7 @@ def test_nothing_is_fresh_before_the_first_message() -> None:
 @pytest.mark.parametrize(
     ("sent", "arrived", "interval"), [(0.050, 0.057, 0.050), (0.3, 0.3, 0.3), (1.1, 1.1, None)]
 )
-def test_interval_is_the_senders_and_none_after_silence(
+def test_interval_is_from_sender_stamps_and_none_after_silence(
     sent: float, arrived: float, interval: float | None
 ) -> None:
     elapsed = stream_after(0.0).admit(EPOCH + sent, arrived, at(arrived))
@@ -131,8 +131,8 @@ def test_interval_is_the_senders_and_none_after_silence(
     ],
     ids=lambda value: f"{value}",
 )
-def test_transport_delay_adds_to_age_not_to_freshness(error: float, agrees: bool, way: float) -> None:
-    """As long as the sender's clock can be right; a delay that is too long counts partly."""
+def test_transport_delay_counts_for_age_but_not_for_freshness(error: float, agrees: bool, way: float) -> None:
+    """If the sender's clock can be right; only part of a delay that is too long counts."""
     stream = stream_after(0.0, sender_error=error)
     assert stream.clock_agrees is agrees
     assert stream.age(at(0.02)) == pytest.approx(0.02 + way, abs=1e-6)
@@ -140,7 +140,7 @@ def test_transport_delay_adds_to_age_not_to_freshness(error: float, agrees: bool
     assert not stream.fresh(at(3 * PERIOD + 1e-6))
 
 
-def test_a_message_that_overtook_another_wins() -> None:
+def test_overtaken_message_is_refused() -> None:
     stream = stream_after(0.0, 0.10)
     with pytest.raises(BadMessage):
         stream.admit(EPOCH + 0.05, 0.101, at(0.101))
@@ -159,14 +159,14 @@ def test_changed_sender_clock_is_accepted_after_silence(step: float) -> None:
 
 
 @pytest.mark.parametrize("speed", [1, 2, 5])
-def test_a_recording_played_back_among_fresh_messages_is_never_followed(speed: int) -> None:
+def test_replayed_messages_among_fresh_ones_are_refused(speed: int) -> None:
     stream = stream_after(0.0)
     for number in range(1, 100):
         moment = number * PERIOD
         for part in range(speed):
-            played = moment + part * PERIOD / speed
+            replayed = moment + part * PERIOD / speed
             with pytest.raises(BadMessage):
-                stream.admit(EPOCH - 10.0 + played, played, at(played))
+                stream.admit(EPOCH - 10.0 + replayed, replayed, at(replayed))
         end = moment + PERIOD * 0.99
         stream.admit(EPOCH + end, end, at(end))
         assert stream.state.stamp == pytest.approx(EPOCH + end, abs=1e-6)
@@ -182,7 +182,7 @@ def test_repeated_message_is_refused_forever() -> None:
     assert not stream.fresh(at(10.0))
 
 
-def test_stream_of_one_message_per_second_is_fresh() -> None:
+def test_stream_with_rate_of_one_hertz_admits_each_message() -> None:
     stream = Stream(1.0)
     for second in range(20):
         late = 0.01 * (second % 3)
@@ -191,7 +191,7 @@ def test_stream_of_one_message_per_second_is_fresh() -> None:
 
 
 @pytest.mark.parametrize("days", [-20_000.0, -2.0, 2.0, 20_000.0])
-def test_a_stamp_days_away_is_no_time_at_all(days: float) -> None:
+def test_stamp_days_away_is_refused(days: float) -> None:
     with pytest.raises(BadMessage, match="absurd stamp"):
         Stream(RATE).admit(EPOCH + days * 86_400.0, 0.0, at(0.0))
 
@@ -204,7 +204,7 @@ def test_delayed_burst_of_messages_is_admitted_completely() -> None:
     assert stream.age(at(0.41)) == pytest.approx(0.01, abs=1e-6)
 
 
-def test_messages_that_get_later_and_later_are_refused() -> None:
+def test_messages_with_growing_delay_are_refused() -> None:
     stream, refused = stream_after(0.0), 0
     for number in range(1, 100):
         sent, moment = number * PERIOD, 2.0 * number * PERIOD
@@ -218,7 +218,7 @@ def test_messages_that_get_later_and_later_are_refused() -> None:
     assert not stream.fresh(at(9.0))
 
 
-def test_a_prompt_message_counts_at_once_after_late_ones() -> None:
+def test_prompt_message_after_late_ones_is_admitted_at_once() -> None:
     stream = stream_after(0.0)
     for number in range(1, 20):
         moment = 3.0 + number * PERIOD
@@ -229,7 +229,7 @@ def test_a_prompt_message_counts_at_once_after_late_ones() -> None:
     assert stream.state.late == pytest.approx(0.0, abs=1e-6)
 
 
-def test_messages_at_one_lateness_for_a_minute_are_followed() -> None:
+def test_messages_with_constant_delay_are_admitted_after_settled_time() -> None:
     stream, sent = stream_after(0.0), 0.0
     while sent < SETTLED_TIME - 0.1:
         sent += PERIOD
@@ -242,17 +242,17 @@ def test_messages_at_one_lateness_for_a_minute_are_followed() -> None:
 
 @pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
 @pytest.mark.parametrize("under_way", [0, 1, 2])
-def test_clock_of_the_machine_costs_one_message(step: float, under_way: int) -> None:
+def test_clock_step_of_machine_costs_one_interval(step: float, under_way: int) -> None:
     stream, intervals = Stream(20.0), []
     for k in range(10):
         mono, after = 0.05 * k, step * (k >= 4)
         stamp = 100.0 + mono + step * (k >= 4 + under_way)
         intervals.append(stream.admit(stamp, mono + 0.01, Now(mono + 0.01, 100.01 + mono + after)))
         assert stream.state.delay == pytest.approx(0.01, abs=1e-6)
-    assert intervals.count(None) == 2, "of the first message, and of the first by the new clock"
+    assert intervals.count(None) == 2, "only the first message, and the first by the new clock, have none"
 
 
-def test_delay_is_by_the_new_clock_soon_after_it_was_set() -> None:
+def test_delay_is_by_new_clock_soon_after_clock_step() -> None:
     stream = Stream(20.0)
     for k in range(60):
         mono = 0.05 * k

@@ -1,4 +1,4 @@
-"""A localiser such as AMCL places odometry in a map: rare, uneven, late and noisy poses, and lies."""
+"""Placement of odometry in a map by a localiser such as AMCL: rare, late, noisy and wrong poses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PAIR = with_robots("turtlebot3_pair", odometry_frame="map")
 
 
 class Drive:
-    """A robot at 0.2 m/s with exact odometry, and a localiser that a test plays."""
+    """A robot at 0.2 m/s with exact odometry; the test sends the localiser's messages."""
 
     def __init__(self) -> None:
         self.frame, self.time, self.at, self.heading = MapFrame(), 100.0, 0j, 1.0 + 0.0j
@@ -81,25 +81,27 @@ class Drive:
         return None if doubt is None else doubt.code
 
 
-def off(one: Placement, other: Placement, at: complex) -> float:
+def placement_error(one: Placement, other: Placement, at: complex) -> float:
     return abs(one.of(at) - other.of(at))
 
 
 @pytest.fixture
 def drive() -> Drive:
-    """A robot that its localiser has placed by a pose."""
+    """A robot after a first pose by its localiser."""
     drive = Drive()
     drive.frame.take_pose(drive.pose())
     return drive
 
 
 @given(late=st.floats(0.0, 0.9 * HISTORY_TIME), heading=st.floats(-3.0, 3.0), distance=st.floats(0.5, 3.0))
-def test_late_pose_is_compared_with_odometry_of_then(late: float, heading: float, distance: float) -> None:
+def test_late_pose_is_compared_with_odometry_of_its_time(
+    late: float, heading: float, distance: float
+) -> None:
     drive = Drive()
     drive.heading = cmath.rect(1.0, heading)
     drive.go(distance + 1.0)
     drive.frame.take_pose(drive.pose(late=late))
-    assert off(drive.placed, TRUE, drive.at) < 1e-9
+    assert placement_error(drive.placed, TRUE, drive.at) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -138,22 +140,22 @@ def test_wrong_clock_shifts_placement_by_bounded_distance(drive: Drive, lag: flo
         drive.go(0.2, speed)
         with suppress(BadMessage):
             drive.frame.take_pose(replace(drive.pose(), stamp=drive.time - lag))
-        assert off(drive.placed, TRUE, drive.at) <= MAX_DEVIATION
+        assert placement_error(drive.placed, TRUE, drive.at) <= MAX_DEVIATION
     refused = lag > HISTORY_TIME or lag * speed > MAX_DEVIATION
     assert (drive.doubted() is Code.LOCALISER_SILENT) == refused
 
 
-def test_noisy_bursts_keep_the_placement_near(drive: Drive) -> None:
+def test_noisy_bursts_of_poses_keep_placement(drive: Drive) -> None:
     draw = np.random.default_rng(1)
     for _ in range(40):
         drive.go(0.25)
-        for _ in range(int(draw.integers(1, 4))):  # AMCL's bursts
+        for _ in range(int(draw.integers(1, 4))):  # bursts, as of AMCL
             drive.step(0.2)
             noise = 0.03 * complex(*draw.normal(size=2))
             pose = drive.pose(late=float(draw.uniform(0.05, 0.4)), off=noise)
-            with suppress(BadMessage):  # overtaken by another one of the burst
+            with suppress(BadMessage):  # the pose was overtaken within the burst
                 assert drive.frame.take_pose(pose) is None
-        assert off(drive.placed, TRUE, drive.at) < 0.15
+        assert placement_error(drive.placed, TRUE, drive.at) < 0.15
     assert drive.doubted() is None
 
 
@@ -162,7 +164,7 @@ def test_noisy_bursts_keep_the_placement_near(drive: Drive) -> None:
     [(0.0, 0.25, 0.2, 19), (1e-6, 0.25, 0.2, 19), (0.01, 0.25, 0.2, 19), (1e-3, 0.005, 0.1, 900)],
     ids=["exact", "tremble 1e-6", "tremble 0.01", "high rate"],
 )
-def test_frozen_localiser_does_not_move_the_robot(
+def test_frozen_localiser_keeps_placement_and_counts_as_silent(
     tremble: float, distance: float, speed: float, count: int
 ) -> None:
     drive, draw = Drive(), np.random.default_rng(2)
@@ -175,12 +177,12 @@ def test_frozen_localiser_does_not_move_the_robot(
             assert drive.frame.take_pose(MapPose(drive.time, first.position + wobble, first.heading)) is None
         except BadMessage:
             assert tremble == 0.0
-    assert off(drive.placed, TRUE, drive.at) < 0.5
+    assert placement_error(drive.placed, TRUE, drive.at) < 0.5
     drive.go(1.0)
     assert drive.doubted() is Code.LOCALISER_SILENT
 
 
-def test_silent_localiser_holds_after_a_distance(drive: Drive) -> None:
+def test_silent_localiser_is_doubted_after_max_distance(drive: Drive) -> None:
     drive.go(MAX_UNCORRECTED_DISTANCE - 0.1)
     assert drive.doubted() is None
     drive.go(0.2)
@@ -189,7 +191,7 @@ def test_silent_localiser_holds_after_a_distance(drive: Drive) -> None:
     assert drive.doubted() is None
 
 
-def test_relocalisation_is_taken_once_later_poses_agree_but_not_often(drive: Drive) -> None:
+def test_relocalisation_needs_agreement_and_is_limited_in_number(drive: Drive) -> None:
     for number in range(MAX_JUMPS):
         moved, taken = TRUE._replace(origin=TRUE.origin + number + 1.0), []
         for _ in range(JUMP_AGREEMENTS + 1):
@@ -200,17 +202,17 @@ def test_relocalisation_is_taken_once_later_poses_agree_but_not_often(drive: Dri
         assert taken[-1].code is Code.RELOCALISED
         assert taken[-1].values["distance"] == pytest.approx(1.0)
     assert drive.doubted() is Code.LOCALISER_JUMPS
-    drive.frame.trust()  # an operator looked
+    drive.frame.trust()  # an operator has checked the position
     assert drive.doubted() is None
 
 
-def test_transform_from_the_map_places_odometry() -> None:
+def test_map_transform_places_odometry() -> None:
     drive = Drive()
     wheel = Transform(1.0, "base_link", "wheel", 0.1j, 1.0)
     placed = Transform(1.0, "/map", "odom", TRUE.origin, TRUE.rotation)
     message = decode(Transforms, encode(Transforms((wheel, placed))))
     assert drive.frame.take_transforms(message, "map", "odom") is None
-    assert off(drive.placed, TRUE, 5.0) < 1e-9
+    assert placement_error(drive.placed, TRUE, 5.0) < 1e-9
     assert drive.frame.take_transforms(Transforms((wheel,)), "map", "odom") is None
 
 
@@ -218,7 +220,7 @@ MOVED = TRUE._replace(origin=TRUE.origin + 2j)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
-def test_repeated_transform_agrees_with_nothing(speed: float) -> None:
+def test_repeated_transform_does_not_relocalise(speed: float) -> None:
     drive = Drive()
     drive.receive(TRUE)
     for _ in range(100):
@@ -228,7 +230,7 @@ def test_repeated_transform_agrees_with_nothing(speed: float) -> None:
 
 
 def test_relocalisation_by_transforms_is_taken_after_two_updates() -> None:
-    """AMCL's, each repeated until the robot has moved by 0.25 m."""
+    """AMCL repeats each update until the robot has moved by 0.25 m."""
     drive, taken = Drive(), []
     drive.receive(TRUE)
     for update in range(3):
@@ -237,10 +239,10 @@ def test_relocalisation_by_transforms_is_taken_after_two_updates() -> None:
             drive.step(0.2)
             taken.append(drive.receive(moved))
     assert [number for number, jump in enumerate(taken) if jump is not None] == [50]
-    assert off(drive.placed, MOVED, drive.at) < 0.03
+    assert placement_error(drive.placed, MOVED, drive.at) < 0.03
 
 
-def test_repeated_transform_corrects_nothing() -> None:
+def test_repeated_transform_counts_as_silent_localiser() -> None:
     drive = Drive()
     for _ in range(27):
         assert drive.receive(TRUE) is None
@@ -258,19 +260,19 @@ def test_transform_whose_stamp_does_not_rise_is_refused() -> None:
     assert drive.frame.state.suspect is None
 
 
-def test_localiser_with_clock_set_back_is_heard_again() -> None:
-    drive, heard = Drive(), 0
+def test_localiser_with_clock_set_back_is_accepted_again() -> None:
+    drive, accepted = Drive(), 0
     drive.receive(TRUE, ahead=3600.0)
     drive.go(1.0)
     for _ in range(3):
         with suppress(BadMessage):
             drive.receive(TRUE._replace(origin=TRUE.origin + 0.01))
-            heard += 1
+            accepted += 1
         drive.step()
-    assert heard == 2
+    assert accepted == 2
 
 
-def test_robot_with_clock_set_back_hears_its_localiser(drive: Drive) -> None:
+def test_robot_with_clock_set_back_accepts_localiser(drive: Drive) -> None:
     drive.receive(TRUE)
     drive.time = 50.0
     drive.step()
@@ -280,12 +282,12 @@ def test_robot_with_clock_set_back_hears_its_localiser(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.2, 0.8])
-def test_short_mistake_at_high_rate_is_no_jump(drive: Drive, speed: float) -> None:
+def test_short_localiser_error_at_high_rate_is_no_jump(drive: Drive, speed: float) -> None:
     for _ in range(round(2 * AGREEMENT_TIME / PERIOD)):
         drive.step(speed)
         assert drive.frame.take_pose(drive.pose(MOVED, off=drive.time * 1e-6)) is None
         assert drive.receive(MOVED._replace(origin=MOVED.origin + drive.time * 1e-6)) is None
-    assert off(drive.placed, TRUE, drive.at) < 0.01
+    assert placement_error(drive.placed, TRUE, drive.at) < 0.01
 
 
 def test_standing_robot_is_relocalised_by_new_poses() -> None:
@@ -297,7 +299,7 @@ def test_standing_robot_is_relocalised_by_new_poses() -> None:
     assert 2 * STANDING_TIME < drive.time - 100.0 < 2 * STANDING_TIME + 0.2
 
 
-def test_suspicion_is_saved_to_the_last_bit() -> None:
+def test_map_frame_state_is_restored_exactly() -> None:
     drive, codec = Drive(), Codec(MapFrameState)
     drive.receive(TRUE)
     drive.frame.take_pose(drive.pose(MOVED))
@@ -309,8 +311,8 @@ def test_suspicion_is_saved_to_the_last_bit() -> None:
     assert codec.read(json.dumps(codec.write(drive.frame.state)).encode()) == drive.frame.state
 
 
-def test_pose_given_by_hand_is_taken_on_hold(drive: Drive) -> None:
-    """AMCL publishes it once, and repeats its transform."""
+def test_manual_pose_is_taken_by_trust(drive: Drive) -> None:
+    """AMCL publishes such a pose once, and repeats its transform."""
     drive.step()
     drive.frame.take_pose(drive.pose(MOVED))
     jumps = []
@@ -320,7 +322,7 @@ def test_pose_given_by_hand_is_taken_on_hold(drive: Drive) -> None:
         jumps.append(drive.frame.trust())
     assert [jump.code for jump in jumps if jump is not None] == [Code.RELOCALISED]
     assert jumps[10] is None
-    assert off(drive.placed, MOVED, drive.at) < 1e-9
+    assert placement_error(drive.placed, MOVED, drive.at) < 1e-9
 
 
 def test_tilted_transforms_are_skipped() -> None:
@@ -331,26 +333,26 @@ def test_tilted_transforms_are_skipped() -> None:
     assert decode(Transforms, bytes(payload)).transforms == ()
 
 
-def test_pose_survives_the_wire() -> None:
+def test_map_pose_survives_encoding() -> None:
     pose = MapPose(12.5, 1.0 - 2.0j, cmath.rect(1.0, 0.3), 0.25, 0.5)
     found = decode(MapPose, encode(pose))
     assert abs(found.heading - pose.heading) < 1e-12
     assert (found.position, found.deviation, found.heading_deviation) == (pose.position, 0.25, 0.5)
 
 
-def test_team_without_start_marks_forms_behind_a_localiser() -> None:
+def test_team_with_localiser_comes_into_formation() -> None:
     fleet = Fleet(PAIR).after(25.0)
     assert fleet.error() < 0.25  # its poses are off by 2 cm and 0.02 rad
     for name, agent in fleet.agents.items():
         assert {AMCL_POSE.key(name), TF.key(name)} < set(agent.subscriptions)
 
 
-def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
-    """What the localiser told of the count before says nothing of the new one."""
+def test_restarted_odometry_keeps_position_in_map() -> None:
+    """The localiser's placement of the earlier odometry is not valid for the restarted one."""
     fleet = Fleet.under_way(PAIR, 12.0)
     agent, plant = fleet.agents["robot1"], fleet.plant("robot1")
     before = abs(agent.here.state.position - plant.position)
-    plant._counts_from = plant.position, plant.heading  # its bring-up is started again
+    plant._counts_from = plant.position, plant.heading  # odometry restarts, as after its bring-up
     fleet.meddle = lost(AMCL_POSE.key("robot1"))
     fleet.run(4.0)
     assert agent.here.state.source.realigned == 1
@@ -358,8 +360,8 @@ def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
-def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
-    """AMCL repeats it, or takes the new count for motion and tells about the same."""
+def test_transform_from_before_odometry_restart_moves_nothing(error: float) -> None:
+    """AMCL repeats the transform, or sends a similar one because it takes the restart for motion."""
     fleet, newest = Fleet(PAIR), [Transform(0.0, "map", "odom", 0j, 1.0)]
     draw, restarted = np.random.default_rng(4), False
 
@@ -384,8 +386,8 @@ def test_transform_of_the_count_before_moves_nothing(error: float) -> None:
     assert abs(agent.here.state.position - plant.position) < 0.03
 
 
-def test_robot_holds_after_odometry_restarted_across_gap() -> None:
-    """It was carried meanwhile, and goes on once the localiser tells where it is."""
+def test_robot_holds_after_odometry_restart_during_gap() -> None:
+    """The robot was carried meanwhile; it resumes when the localiser sends its pose."""
     fleet, odom, amcl = Fleet.under_way(PAIR, 12.0), ODOM.key("robot1"), AMCL_POSE.key("robot1")
     fleet.meddle = lambda sample: () if sample.key in {odom, amcl} else (sample,)
     fleet.run(2.0)
@@ -405,8 +407,11 @@ def test_robot_holds_after_odometry_restarted_across_gap() -> None:
 
 
 @pytest.mark.parametrize("off", [0j, 0.05])
-def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
-    """True only if the robot is where that count began: an operator decides. A copy never is."""
+def test_placement_from_before_gap_is_taken_only_by_trust(off: complex) -> None:
+    """It is right only if the robot is where its earlier odometry began: an operator decides.
+
+    An exact copy of the earlier placement is never taken.
+    """
     drive = Drive()
     drive.receive(TRUE)
     drive.go(1.0)
@@ -424,8 +429,8 @@ def test_placement_of_count_before_gap_needs_hold(off: complex) -> None:
 
 
 @pytest.mark.parametrize("odometry_first", [False, True])
-def test_first_pose_in_one_step_with_odometry(odometry_first: bool) -> None:
-    """What is published in that step is in the map already."""
+def test_first_pose_places_odometry_of_the_same_step(odometry_first: bool) -> None:
+    """The position published in that step is in the map."""
     agent, time, published = Agent(PAIR, "robot1", publisher_id="any"), 10.0, []
     for number in range(10):
         time += PERIOD

@@ -1,4 +1,4 @@
-"""Dead reckoning of commands, and the delay of measurements that it shows."""
+"""Dead reckoning by commands, and the measurement delay found with it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Path = list[tuple[float, complex]]
 
 
 def at(path: Path, moment: float) -> complex:
-    """The position on a path then; before its start it stood."""
+    """The position on a path at a moment; outside of it, at its nearer end."""
     after = min(max(bisect(path, moment, key=lambda one: one[0]), 1), len(path) - 1)
     (begin, first), (end, last) = path[after - 1], path[after]
     return first + min(1.0, max(0.0, (moment - begin) / (end - begin))) * (last - first)
 
 
 @given(st.lists(st.floats(0.004, 0.19), min_size=2, max_size=120), st.integers(0, 2**32))
-def test_positions_back_are_those_of_the_path(intervals: list[float], seed: int) -> None:
+def test_back_returns_positions_on_the_path(intervals: list[float], seed: int) -> None:
     random, model, path = Random(seed), MotionModel(LONGEST, GAP), [(3.0, 0j)]
     model.go_to(3.0)
     for interval in intervals:
@@ -65,7 +65,7 @@ def delays_found(rate: float, delay: float, limit: float, seed: int, seconds: fl
 
 @pytest.mark.parametrize("rate", [2.0, 20.0, 200.0, *slow(3.0, 5.0, 10.0, 50.0, 100.0)])
 @pytest.mark.parametrize("seed", [1, *slow(2, 3, 4)])
-def test_late_measurements_are_found_at_every_rate(rate: float, seed: int) -> None:
+def test_measurement_delay_is_found_at_every_rate(rate: float, seed: int) -> None:
     found = delays_found(rate, 1.0, 0.5 + 1.0 / rate if rate > 2.5 else 0.6, seed)
     assert found
     assert max(abs(one - 1.0) for one in found[len(found) // 2 :]) <= 0.1 + 0.2 / rate
@@ -73,12 +73,12 @@ def test_late_measurements_are_found_at_every_rate(rate: float, seed: int) -> No
 
 @pytest.mark.parametrize("rate", [2.5, 20.0, 200.0, *slow(3.0, 5.0, 10.0, 50.0, 100.0)])
 @pytest.mark.parametrize("seed", [1, *slow(*range(2, 40))])
-def test_measurements_within_the_limit_are_never_called_late(rate: float, seed: int) -> None:
+def test_delay_within_limit_is_never_reported(rate: float, seed: int) -> None:
     delay = Random(seed).uniform(0.0, 0.4)
     assert delays_found(rate, delay, 0.5 + 1.0 / rate, seed, seconds=12.0) == []
 
 
-def test_few_measurements_are_no_proof_of_a_delay() -> None:
+def test_few_measurements_report_no_delay() -> None:
     arrivals, places = (
         [0.5767, 0.8957, 1.1196, 1.594, 1.7924, 2.1319],
         [0, 0, 0.0953, 0.0882, -0.1801, -0.5821],
@@ -93,7 +93,7 @@ def test_few_measurements_are_no_proof_of_a_delay() -> None:
     assert estimate.judge(0.5 + 1.0 / 3.0) is None
 
 
-def test_of_quick_measurements_not_each_one_counts() -> None:
+def test_only_some_measurements_count_at_high_rate() -> None:
     model, estimate = MotionModel(LONGEST, GAP), OwnDelay(0.0, 200.0)
     counted = []
     for number in range(200):

@@ -1,4 +1,4 @@
-"""Where agents take the slots to be, and how the team follows shapes that change."""
+"""Slots as agents compute them, and teams that follow changing shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import Order
-from formation.protocol.order import Slots as Said
+from formation.protocol.order import Slots as OrderedSlots
 from formation.simulation.edges import Edges, edge_errors
 from formation.slots.shape import PlacedShape
 from formation.topics import POSITION
@@ -26,17 +26,17 @@ from formation.wire import BadMessage, Now
 from tests.support.fleet import Fleet
 from tests.support.meddling import reordered
 from tests.support.missions import team, with_robots
-from tests.unit.agent.sudden import most_sudden
-from tests.unit.agent.wished import Wishes
+from tests.unit.agent.sudden import largest_command_change
+from tests.unit.agent.wished import ConstrainedCommands
 
 SIX = load("six_robots")
 GAP = 0.15
-"""After so long a silence of its agent a watchdog stops the robot [s]."""
-WISHES = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+"""Silence of an agent after which the watchdog stops its robot [s]."""
+WANTED = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
 
 
-def farthest(fleet: Fleet) -> float:
-    """Longest edge error of the robots as they really are, in the shape as it is by now [m]."""
+def greatest_edge_error(fleet: Fleet) -> float:
+    """Greatest true edge error in the present placed shape [m]."""
     slots = np.array(fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission))
     return float(np.max(edge_errors(Edges(fleet.mission.graph), np.array(fleet.points()), slots)))
 
@@ -54,21 +54,21 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
         assert fleet.order_shape(shape).ok
         worst = fastest = 0.0
         for _ in fleet.every(0.1, 3.0):
-            worst = max(worst, farthest(fleet))
+            worst = max(worst, greatest_edge_error(fleet))
             fastest = max(
                 fastest, *(abs(v) for a in fleet.agents.values() for v in a._slots.state.velocity.values())
             )
         fleet.run(3.0)
         assert fastest > 0.15
         assert worst < 0.04
-        assert farthest(fleet) < 0.005
-    assert most_sudden(fleet, since) < 0.18  # a gain of 8 1/s instead of 4; the ramp allows 0.2
+        assert greatest_edge_error(fleet) < 0.005
+    assert largest_command_change(fleet, since) < 0.18  # a gain of 8 1/s instead of 4; the ramp allows 0.2
 
 
 @pytest.mark.slow
-def test_jumping_order_is_limited_to_slot_speed() -> None:
+def test_slots_follow_jumping_order_at_limited_speed() -> None:
     fleet = Fleet.under_way(SIX, 9.0)
-    since, jump = fleet.now, Said(mix={"wedge": 1.0}, rotation=1.5)
+    since, jump = fleet.now, OrderedSlots(mix={"wedge": 1.0}, rotation=1.5)
     fleet.meddle = reordered(POSITION.key("robot1"), slots=jump)
     most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed
     for _ in range(100):
@@ -77,33 +77,33 @@ def test_jumping_order_is_limited_to_slot_speed() -> None:
         for name, agent in fleet.agents.items():
             for other, was in before[name].items():
                 assert abs(agent._slots.state.at[other] - was) <= most * (fleet.now - began + 0.06)
-    assert most_sudden(fleet, since) <= 0.21
+    assert largest_command_change(fleet, since) <= 0.21
     assert {agent._slots.state.standing for agent in fleet.agents.values()} == {True}
 
 
 @pytest.mark.parametrize(
     ("slots", "why"),
     [
-        (Said(mix={"star": 1.0}), "unknown shape 'star'; known: hexagon, wedge"),
-        (Said(mix={"hexagon": 0.5, "wedge": 0.4}), "shares that sum to 0.9; must be 1"),
-        (Said(mix={"hexagon": 1.0, "wedge": 1e-5}), "must be 1"),
+        (OrderedSlots(mix={"star": 1.0}), "unknown shape 'star'; known: hexagon, wedge"),
+        (OrderedSlots(mix={"hexagon": 0.5, "wedge": 0.4}), "shares that sum to 0.9; must be 1"),
+        (OrderedSlots(mix={"hexagon": 1.0, "wedge": 1e-5}), "must be 1"),
     ],
 )
-def test_slots_that_are_none_are_refused(slots: Said, why: str) -> None:
+def test_order_with_invalid_slots_is_refused(slots: OrderedSlots, why: str) -> None:
     orders = Orders(SIX)
     order = Order(term=1, beat=1, mode="run", shape="hexagon", slots=slots)
     with pytest.raises(BadMessage, match=why):
         orders.receive(order, "robot1", 0.0, Now(0.0, 1.7e9))
 
 
-@given(st.lists(st.tuples(WISHES, st.floats(0.0, 0.5)), max_size=40))
-def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[Command, float]]) -> None:
-    sent, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
+@given(st.lists(st.tuples(WANTED, st.floats(0.0, 0.5)), max_size=40))
+def test_commands_change_no_faster_than_the_ramp(wanted: list[tuple[Command, float]]) -> None:
+    sent, moment, spec = ConstrainedCommands(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     sent.put(moment, AT_REST)
-    for wish, wait in wishes:
+    for command, wait in wanted:
         before, last, moment = sent.newest, moment, moment + wait
         silence = moment - last  # rounded, as the ramp sees it
-        sent.put(moment, wish)
+        sent.put(moment, command)
         after_a_gap = silence > GAP and before != AT_REST
         share = (
             FIRST_CHANGE_SHARE if after_a_gap else min(silence, MAX_RAMP_PERIODS / spec.rate) / spec.ramp
@@ -113,39 +113,41 @@ def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[Command, f
             assert abs(sent.newest.turn_rate - before.turn_rate) <= share * spec.max_turn_rate
 
 
-@given(WISHES, WISHES, st.floats(GAP, 2.0))
-def test_watchdog_zero_after_gap_causes_no_large_jump(wish: Command, then: Command, gap: float) -> None:
-    wishes, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
+@given(WANTED, WANTED, st.floats(GAP, 2.0))
+def test_first_commands_after_gap_change_by_limited_share(
+    command: Command, then: Command, gap: float
+) -> None:
+    constrained, moment, spec = ConstrainedCommands(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     for _ in range(10):
         moment += 0.05
-        wishes.put(moment, wish)
-    before, most = wishes.newest, FIRST_CHANGE_SHARE + 1e-9
+        constrained.put(moment, command)
+    before, most = constrained.newest, FIRST_CHANGE_SHARE + 1e-9
     for wait in (gap + 0.01, 0.05):
         moment += wait
-        wishes.put(moment, then)
-        if wishes.newest == AT_REST:
+        constrained.put(moment, then)
+        if constrained.newest == AT_REST:
             return
-        for last in (before, AT_REST):  # or the watchdog was faster
-            assert abs(wishes.newest.speed - last.speed) <= most * spec.max_speed
-            assert abs(wishes.newest.turn_rate - last.turn_rate) <= most * spec.max_turn_rate
-        before = wishes.newest
+        for last in (before, AT_REST):  # AT_REST if the watchdog was faster
+            assert abs(constrained.newest.speed - last.speed) <= most * spec.max_speed
+            assert abs(constrained.newest.turn_rate - last.turn_rate) <= most * spec.max_turn_rate
+        before = constrained.newest
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 50.0])
 def test_rare_commands_change_by_less_than_half_limit(rate: float) -> None:
-    wishes = Wishes(with_robots("six_robots", rate=rate), "robot2")
+    constrained = ConstrainedCommands(with_robots("six_robots", rate=rate), "robot2")
     spec, moment, before = SIX.robots["robot2"], 10.0, AT_REST
     for _ in range(10):
         moment += 2.5 / rate
-        wishes.put(moment, Command(spec.max_speed, -spec.max_turn_rate))
-        assert abs(wishes.newest.speed - before.speed) <= 0.45 * spec.max_speed + 1e-9
-        assert abs(wishes.newest.turn_rate - before.turn_rate) <= 0.45 * spec.max_turn_rate + 1e-9
-        before = wishes.newest
+        constrained.put(moment, Command(spec.max_speed, -spec.max_turn_rate))
+        assert abs(constrained.newest.speed - before.speed) <= 0.45 * spec.max_speed + 1e-9
+        assert abs(constrained.newest.turn_rate - before.turn_rate) <= 0.45 * spec.max_turn_rate + 1e-9
+        before = constrained.newest
     assert before == Command(spec.max_speed, -spec.max_turn_rate)
 
 
-def settled(mission: Mission) -> float:
-    """When the formation error stays under what counts as settled [s]."""
+def settling_time(mission: Mission) -> float:
+    """The time from which on the formation error stays below `mission.settled` [s]."""
     fleet, since = Fleet(mission), 0.0
     while fleet.now < 9.0:
         fleet.run(0.1)
@@ -156,9 +158,9 @@ def settled(mission: Mission) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["six_robots", "turtlebot3_pair"])
-def test_ramps_cost_under_a_second_of_settling(name: str) -> None:
+def test_ramp_delays_settling_by_under_a_second(name: str) -> None:
     at_once, ramped = with_robots(name, ramp=0.0), with_robots(name, ramp=0.25)
-    assert settled(ramped) < settled(at_once) + 1.0
+    assert settling_time(ramped) < settling_time(at_once) + 1.0
 
 
 def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
@@ -166,7 +168,7 @@ def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
 
 
 @pytest.mark.slow
-def test_the_team_takes_another_shape_within_its_limits_and_goes_back() -> None:
+def test_team_changes_shape_and_back_within_limits() -> None:
     fleet = driving(loss=0.3)
     for shape in ("wedge", "hexagon"):
         assert fleet.order_shape(shape).ok
@@ -177,7 +179,7 @@ def test_the_team_takes_another_shape_within_its_limits_and_goes_back() -> None:
     assert fleet.within_limits
 
 
-def test_all_robots_follow_a_new_shape_while_driving() -> None:
+def test_all_robots_take_new_shape_without_stopping() -> None:
     fleet = driving()
     before = {name: len(fleet.commands[name]) for name in SIX.followers}
     fleet.order_shape("wedge")
@@ -189,7 +191,7 @@ def test_all_robots_follow_a_new_shape_while_driving() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rest", ["hold", "stop"])
-def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
+def test_resting_robots_take_new_shape_once_they_run(rest: str) -> None:
     fleet = driving()
     requested = SIX.names if rest == "stop" else ("robot1",)
     for name in requested:
@@ -205,7 +207,7 @@ def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
     for name in requested:
         assert fleet.set_going(name).ok
     fleet.run(10.0)
-    assert most_sudden(fleet, since, rests=True) < 0.5
+    assert largest_command_change(fleet, since, rests=True) < 0.5
     assert fleet.error() < SIX.settled
     assert fleet.within_limits
 
@@ -219,7 +221,7 @@ orders = st.one_of(
 @pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(orders, st.floats(0.01, 1.0)), max_size=12))
-def test_whatever_is_ordered_in_whatever_haste_no_command_exceeds_a_limit(
+def test_quick_random_requests_never_exceed_limits(
     given_orders: list[tuple[tuple[str, str | None], float]],
 ) -> None:
     fleet = driving(3.0, loss=0.1)
@@ -239,7 +241,7 @@ STEP = 0.02
 
 
 def ordered(beat: int, *, term: int = 1, **slots: object) -> Order:
-    result = Said.model_validate(slots) if slots else None
+    result = OrderedSlots.model_validate(slots) if slots else None
     return Order(term=term, beat=beat, mode="run", shape="hexagon", slots=result)
 
 
@@ -290,7 +292,7 @@ def test_slot_speed_never_exceeds_its_share(jumps: list[tuple[float, float, int,
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.3, 3.0))
-def test_jumped_order_is_reached_exactly_and_then_rests(rotation: float, scale: float) -> None:
+def test_slots_reach_jumped_order_exactly_and_stop(rotation: float, scale: float) -> None:
     slots = Slots(SIX, "robot4")
     slots.follow(ordered(1), 0.0, 0.0)
     for k in range(1, 200):
@@ -302,7 +304,7 @@ def test_jumped_order_is_reached_exactly_and_then_rests(rotation: float, scale: 
 
 
 def followed(rate: float, *, jitter: float, loss: float = 0.0, seed: int = 1) -> list[tuple[float, float]]:
-    """Relative errors of the velocity, and relative paces, while a shape turns at `rate` [rad/s]."""
+    """Relative velocity errors and speeds of a slot while its shape turns at `rate` [rad/s]."""
     draw, slots = random.Random(seed), Slots(SIX, "robot4")
     found: list[tuple[float, float]] = []
     order, arrived, before = turned(0, rate), 0.0, dict.fromkeys(("robot4", "robot2", "robot3"), 0j)
@@ -327,13 +329,13 @@ def followed(rate: float, *, jitter: float, loss: float = 0.0, seed: int = 1) ->
 
 @pytest.mark.parametrize("rate", [0.05, 0.3])
 @pytest.mark.parametrize(("jitter", "loss"), [(0.0, 0.0), (0.08, 0.0), (0.08, 0.3)])
-def test_a_turning_shape_turns_evenly_despite_uneven_orders(rate: float, jitter: float, loss: float) -> None:
+def test_slots_turn_evenly_despite_uneven_orders(rate: float, jitter: float, loss: float) -> None:
     found = followed(rate, jitter=jitter, loss=loss)
     assert max(off for off, _ in found) < 0.02
     assert max(abs(pace - 1.0) for _, pace in found) < (0.25 if jitter else 0.05)
 
 
-def test_observers_agree_on_slot_at_full_speed() -> None:
+def test_agents_agree_on_slots_during_fast_transition() -> None:
     mission = team({"one": ["leader"], "two": ["one"], "three": ["one", "two"]})
     agents = [Slots(mission, name) for name in mission.followers]
     for k in range(100):
@@ -347,7 +349,7 @@ def test_observers_agree_on_slot_at_full_speed() -> None:
             )
 
 
-def test_a_new_leader_moves_the_shape_on_from_where_it_was() -> None:
+def test_shape_turns_on_smoothly_under_new_leader() -> None:
     slots, rate = Slots(SIX, "robot4"), 0.2
     for beat in range(100):
         slots.follow(turned(beat, rate), beat * PERIOD, beat * PERIOD)

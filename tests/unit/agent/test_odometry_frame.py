@@ -1,4 +1,4 @@
-"""What an agent makes of its odometry, in the world frame or from its start, and after a jump."""
+"""Localisation by odometry in the world frame or from the start pose, and after a jump."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PERIOD = 0.05
 
 
 class Circling:
-    """Feeds the localisation of a robot that goes round in circles, in its own frame."""
+    """Feeds a robot's localisation with odometry of circles, counted from its start."""
 
     def __init__(self, name: str = "robot2", speed: float = 0.1, turn_rate: float = 0.4) -> None:
         self.here = Localisation(PAIR, name, LAWS["field"])
@@ -54,7 +54,7 @@ class Circling:
             message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, turn_rate)
             self.here.update_pose(message, self.mono, at(self.mono))
 
-    def count_anew(self) -> None:
+    def restart_odometry(self) -> None:
         self.position, self.heading = 0j, 1.0 + 0.0j
 
     @property
@@ -62,15 +62,15 @@ class Circling:
         return abs(self.here.state.position - self.true_position)
 
     @property
-    def turned(self) -> float:
+    def heading_error(self) -> float:
         return abs(cmath.phase(self.here.state.measured / self.true_heading))
 
 
-def test_restarted_agent_knows_position_and_heading_since_start() -> None:
+def test_restarted_agent_recovers_pose_from_odometry_since_start() -> None:
     driver = Circling()
     driver.drive(times=60)
     assert driver.error < 1e-9
-    assert driver.turned < 1e-9
+    assert driver.heading_error < 1e-9
     assert driver.here.state.jumps == 0
     driver.here = Localisation(PAIR, "robot2", LAWS["field"])
     driver.drive()
@@ -83,7 +83,7 @@ def test_restarted_agent_knows_position_and_heading_since_start() -> None:
     ("far", "way", "turn"),
     [*itertools.product([0.02, 0.05, 0.5, 5.0], [0, 90, 180, 270], [0.0, 0.2, math.pi]), (0.0, 0, 0.2)],
 )
-def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, turn: float) -> None:
+def test_odometry_jump_while_driving_keeps_pose(far: float, way: float, turn: float) -> None:
     driver = Circling()
     driver.drive(times=60)
     driver.position += cmath.rect(far, math.radians(way))
@@ -93,14 +93,14 @@ def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, 
     driver.drive(times=60)
     assert [driver.here.state.jumped, driver.here.state.jumps] == [None, 1]
     assert driver.error < 1e-3
-    assert driver.turned < 1e-3
+    assert driver.heading_error < 1e-3
 
 
 def test_turn_during_odometry_jump_keeps_estimated_heading() -> None:
     driver = Circling(turn_rate=2.0)
     driver.drive(times=400)
     assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
-    driver.count_anew()
+    driver.restart_odometry()
     driver.drive()  # by 0.1 rad
     assert driver.here.state.jumps == 1
     assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
@@ -111,7 +111,7 @@ def test_odometry_restart_after_silence_keeps_pose(silence: float) -> None:
     driver = Circling()
     driver.drive(times=60)
     driver.drive(times=10, still=True)
-    driver.count_anew()
+    driver.restart_odometry()
     driver.drive(silence, still=True)
     assert driver.here.state.jumps == 1
     driver.drive(times=60)
@@ -126,11 +126,11 @@ def test_driving_during_odometry_silence_is_no_jump(silence: float) -> None:
     driver.drive(silence)
     driver.drive(times=5)
     assert driver.here.state.jumps == 0
-    assert driver.error < 1e-8  # the filter forgets its first guess as it moves
+    assert driver.error < 1e-8  # the filter loses its first guess as the robot moves
 
 
 @pytest.mark.parametrize("slow", [0.0, 0.05])
-def test_driving_at_hardest_limits_never_jumps(slow: float) -> None:
+def test_driving_at_limits_is_no_jump(slow: float) -> None:
     driver = Circling()
     for number in range(400):
         driver.speed, driver.turn_rate = ((0.2108, 2.635), (slow, -2.635), (-0.2108, 0.0))[number // 7 % 3]
@@ -150,14 +150,14 @@ def test_world_frame_position_follows_odometry_after_jump() -> None:
 
 
 @pytest.mark.parametrize("mission", [PAIR, *slow(SIX_FROM_START)], ids=["pair", "six"])
-def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
+def test_robots_with_odometry_from_start_come_into_formation(mission: Mission) -> None:
     fleet = Fleet(mission).after(20.0)
     assert fleet.error() < 0.02
     assert all(agent.here.state.jumps == 0 for agent in fleet.agents.values())
 
 
 @pytest.mark.parametrize("heading", ["observer", *slow("measured")])
-def test_odometry_reset_stops_robot_and_resumes_without_lurch(heading: str) -> None:
+def test_robot_stops_on_odometry_reset_and_resumes_without_lurch(heading: str) -> None:
     fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading)).after(20.0)
     reset_odometry(fleet.world.plant("robot1"))
     reset = fleet.now
@@ -171,12 +171,12 @@ def test_odometry_reset_stops_robot_and_resumes_without_lurch(heading: str) -> N
     assert fleet.status("robot1").state == "run"
     fleet.run(10.0)
     after = fleet.commands_since("robot1", reset)
-    assert max(abs(speed) for speed, _ in after) <= 0.12  # it catches up with what it missed
+    assert max(abs(speed) for speed, _ in after) <= 0.12  # the robot catches up with its slot
     assert max(abs(turn_rate) for _, turn_rate in after) <= 0.5
     assert fleet.error() < 0.03
 
 
-def test_robot_with_doubtful_position_publishes_none() -> None:
+def test_odometry_reset_interrupts_published_positions() -> None:
     fleet = Fleet(SIX_FROM_START)
     received: list[float] = []
 
@@ -216,7 +216,7 @@ def test_absurd_odometry_moves_no_robot(far: float) -> None:
 
 
 class Driver:
-    """Feeds one robot's localisation, straight ahead along x unless told otherwise."""
+    """Feeds a robot's localisation with odometry, by default straight along x."""
 
     def __init__(self, law: str = "field") -> None:
         self.here = Localisation(SIX, "robot3", LAWS[law])
@@ -247,7 +247,7 @@ def driver() -> Driver:
     return driver
 
 
-def test_the_first_message_opens_an_interval_and_the_second_closes_it() -> None:
+def test_first_interval_ends_with_second_message() -> None:
     driver = Driver()
     assert driver.drive() is None
     assert not driver.here.state.follows
@@ -256,7 +256,7 @@ def test_the_first_message_opens_an_interval_and_the_second_closes_it() -> None:
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.9, 1.1])
-def test_after_gap_heading_needs_a_complete_interval(driver: Driver, gap: float) -> None:
+def test_heading_after_gap_needs_a_complete_interval(driver: Driver, gap: float) -> None:
     assert driver.drive(gap) is None
     assert driver.here.state.jumped is None
     assert not driver.here.state.follows
@@ -277,7 +277,7 @@ def test_jump_is_detected_in_time_and_after_gap(driver: Driver, gap: float) -> N
     assert driver.here.state.jumped is None
 
 
-def test_gyroscope_reset_jumps_without_changing_estimated_heading(driver: Driver) -> None:
+def test_gyroscope_reset_is_jump_and_keeps_estimated_heading(driver: Driver) -> None:
     before = driver.here.heading
     assert driver.drive(turn=math.pi / 2.0, move=0.025 - 0.025j) is None
     assert str(driver.here.state.jumped) == "odometry jumped by +1.57 rad"
@@ -299,7 +299,7 @@ def test_turning_at_maximum_rate_is_no_jump(driver: Driver) -> None:
         assert driver.here.state.jumped is None
 
 
-def test_the_printed_observer_stays_a_number_however_far_a_robot_reverses() -> None:
+def test_paper_observer_stays_finite_while_reversing() -> None:
     driver = Driver("paper")
     for _ in range(4000):
         driver.drive(speed=-1.5)
@@ -307,11 +307,11 @@ def test_the_printed_observer_stays_a_number_however_far_a_robot_reverses() -> N
     assert abs(driver.here.heading) == pytest.approx(1.0)
 
 
-def test_wheels_that_stand_teach_nothing_and_the_collision_filter_knows_it() -> None:
+def test_course_is_unknown_while_wheels_are_blocked() -> None:
     mission = team({"robot1": ("leader",)}, localisation="external")
     here, noise = Localisation(mission, "robot1", LAWS["field"]), random.Random(1)
     faces, position, moment = cmath.rect(1.0, 2.5), 0j, 0.0
-    for phase, speed in enumerate((0.0, 0.5, 0.0)):  # blocked at first and in the end, though told to drive
+    for phase, speed in enumerate((0.0, 0.5, 0.0)):  # blocked at first and in the end
         for _ in range(40):
             moment += PERIOD
             position += speed * PERIOD * faces

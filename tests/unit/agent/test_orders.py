@@ -1,4 +1,4 @@
-"""The leader's order as neighbours relay it: what proves a leader alive, and what robots use of it."""
+"""The leader's order as neighbours relay it: when it counts, and what robots use of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PERIOD = 0.05
 
 @dataclass
 class Receiver:
-    """An agent's ear for orders, and the time."""
+    """Gives orders to an agent's `Orders`, and counts the time."""
 
     orders: Orders = field(default_factory=lambda: Orders(SIX))
     mono: float = 0.0
@@ -46,8 +46,8 @@ class Receiver:
 
 
 @pytest.fixture
-def alive() -> Receiver:
-    """Has heard a living leader's beats 1 to 3."""
+def after_three_beats() -> Receiver:
+    """A receiver after beats 1 to 3 of a living leader."""
     receiver = Receiver()
     for beat in (1, 2, 3):
         receiver.receive(beat)
@@ -55,7 +55,7 @@ def alive() -> Receiver:
     return receiver
 
 
-def test_an_order_counts_once_its_beat_has_risen() -> None:
+def test_order_counts_once_its_beat_has_risen() -> None:
     receiver = Receiver()
     receiver.receive(7)
     assert receiver.orders.newest is None
@@ -64,54 +64,54 @@ def test_an_order_counts_once_its_beat_has_risen() -> None:
     assert receiver.orders.state.rose == receiver.mono
 
 
-def test_beat_must_rise_at_the_same_neighbour(alive: Receiver) -> None:
+def test_beat_must_rise_at_the_same_neighbour(after_three_beats: Receiver) -> None:
     receiver = Receiver()
     for _ in range(100):  # relays of the last order of a dead leader
         receiver.receive(7, of="robot3")
         receiver.receive(8, of="robot2")
     assert receiver.orders.newest is None
-    rose = alive.orders.state.rose
-    alive.receive(3, of="robot2")
-    assert alive.orders.state.rose == rose
+    rose = after_three_beats.orders.state.rose
+    after_three_beats.receive(3, of="robot2")
+    assert after_three_beats.orders.state.rose == rose
 
 
-def test_relays_ahead_of_a_leader_that_is_heard_are_refused(alive: Receiver) -> None:
+def test_relays_ahead_of_received_leader_are_refused(after_three_beats: Receiver) -> None:
     """robot1 leads. Once it has been silent for three periods, relays count again."""
     for beat in (4, 5, 1000, HIGHEST):
         with pytest.raises(BadMessage, match=f"ahead of the leader.s own, received here: .* beat {beat};"):
-            alive.receive(beat, of="robot2", after=0.0)
+            after_three_beats.receive(beat, of="robot2", after=0.0)
     with pytest.raises(BadMessage, match="ahead of the leader"):
-        alive.receive(1, term=TERM + 64, of="robot2", after=0.0)
-    assert alive.newest == (TERM, 3)
+        after_three_beats.receive(1, term=TERM + 64, of="robot2", after=0.0)
+    assert after_three_beats.newest == (TERM, 3)
     for beat in (4, 5, 6, 7, 8):
         with suppress(BadMessage):
-            alive.receive(beat, of="robot2")
-    assert alive.newest == (TERM, 8)
+            after_three_beats.receive(beat, of="robot2")
+    assert after_three_beats.newest == (TERM, 8)
 
 
-def test_a_new_leader_is_followed_from_its_second_beat_on(alive: Receiver) -> None:
-    alive.receive(1, term=TERM + 5)
-    assert alive.newest == (TERM, 3)
-    alive.receive(2, term=TERM + 5)
-    assert alive.newest == (TERM + 5, 2)
+def test_new_leader_is_followed_from_its_second_beat(after_three_beats: Receiver) -> None:
+    after_three_beats.receive(1, term=TERM + 5)
+    assert after_three_beats.newest == (TERM, 3)
+    after_three_beats.receive(2, term=TERM + 5)
+    assert after_three_beats.newest == (TERM + 5, 2)
 
 
 @pytest.mark.parametrize(("term", "beat"), [(TERM, HIGHEST), (TERM + 10**12, 1), (TERM + 10**12, HIGHEST)])
-def test_a_single_forged_order_changes_nothing_and_costs_two_beats(
-    alive: Receiver, term: int, beat: int
+def test_single_forged_order_changes_nothing_and_costs_two_beats(
+    after_three_beats: Receiver, term: int, beat: int
 ) -> None:
-    alive.receive(beat, term=term)
-    assert alive.newest == (TERM, 3)
-    alive.receive(5)
-    alive.receive(6)
-    assert alive.newest == (TERM, 6)
+    after_three_beats.receive(beat, term=term)
+    assert after_three_beats.newest == (TERM, 3)
+    after_three_beats.receive(5)
+    after_three_beats.receive(6)
+    assert after_three_beats.newest == (TERM, 6)
 
 
-def test_leader_is_obeyed_immediately_after_long_outage(alive: Receiver) -> None:
-    alive.receive(3 + 20 * 600, after=600.0, mode="stop")
-    assert alive.newest == (TERM, 3 + 20 * 600)
-    assert alive.orders.newest is not None
-    assert alive.orders.newest.mode == "stop"
+def test_leader_is_obeyed_immediately_after_long_outage(after_three_beats: Receiver) -> None:
+    after_three_beats.receive(3 + 20 * 600, after=600.0, mode="stop")
+    assert after_three_beats.newest == (TERM, 3 + 20 * 600)
+    assert after_three_beats.orders.newest is not None
+    assert after_three_beats.orders.newest.mode == "stop"
 
 
 @pytest.mark.parametrize(
@@ -119,11 +119,13 @@ def test_leader_is_obeyed_immediately_after_long_outage(alive: Receiver) -> None
     [(TERM + int((MAX_STAMP_OFFSET + 60.0) * 1e9), "absurd term"), (TERM - 1, "earlier term")],
     ids=["days ahead", "earlier"],
 )
-def test_order_of_impossible_or_earlier_term_is_dropped(alive: Receiver, term: int, why: str) -> None:
+def test_order_of_impossible_or_earlier_term_is_dropped(
+    after_three_beats: Receiver, term: int, why: str
+) -> None:
     for beat in (1, 2, 1000, 1001):
         with pytest.raises(BadMessage, match=why):
-            alive.receive(beat, term=term)
-    assert alive.newest == (TERM, 3)
+            after_three_beats.receive(beat, term=term)
+    assert after_three_beats.newest == (TERM, 3)
 
 
 CORNER = ({"speed": 0.2, "heading_deg": 30.0, "duration": 8.0}, {"speed": 0.2, "heading_deg": 120.0})
@@ -136,17 +138,17 @@ def mission(leader_orders: str, route: Any = CORNER, of: Mission = SIX) -> Missi
 
 
 def greatest_error(fleet: Fleet, begin: float, seconds: float) -> float:
-    """The greatest formation error in a time that begins at `begin` [s]."""
+    """The greatest formation error in the `seconds` after `begin` [s]."""
     fleet.run(begin)
     return max(one.error() for one in fleet.every(0.05, seconds))
 
 
 def ages(fleet: Fleet) -> dict[str, float]:
-    """How old each robot takes the newest order to be now [s]."""
+    """The age of the newest order by each robot's estimate [s]."""
     return {name: agent.orders.age(fleet.now) for name, agent in fleet.agents.items()}
 
 
-def test_ordered_velocity_more_than_halves_the_error_at_a_corner() -> None:
+def test_ordered_velocity_more_than_halves_error_at_corner() -> None:
     before = greatest_error(Fleet(mission("none")), 7.9, 1.0)
     assert greatest_error(Fleet(mission("velocity")), 7.9, 1.0) < 0.45 * before
 
@@ -157,7 +159,7 @@ def test_robots_form_with_ordered_velocity_and_place(use: str) -> None:
     assert fleet.error() < 0.005
 
 
-def test_velocity_is_used_by_default_only_where_orders_are_signed() -> None:
+def test_velocity_of_orders_is_used_only_if_signed() -> None:
     unsigned, signed = Fleet(mission("signed", of=TEAM)), SignedFleet(mission("signed", of=TEAM))
     for fleet in (unsigned.after(3.0), signed.after(3.0)):
         orders = {name: agent.orders.leader(fleet.now) for name, agent in fleet.agents.items()}
@@ -168,7 +170,7 @@ def test_velocity_is_used_by_default_only_where_orders_are_signed() -> None:
 TEAM = team({"r0": ["leader"], "r1": ["r0"], "r2": ["r1"], "r3": ["r2"]})
 
 
-def test_relays_add_the_time_for_which_they_kept_an_order() -> None:
+def test_relays_add_their_own_delay_to_order_age() -> None:
     fleet = Fleet(mission("velocity", of=TEAM), delay=(0.01, 0.01)).after(3.0)
     leader = fleet.candidates["leader"]
     for name in ("r0", "r3"):
@@ -178,7 +180,7 @@ def test_relays_add_the_time_for_which_they_kept_an_order() -> None:
         assert ages(fleet)[name] == pytest.approx(true, abs=0.015)
 
 
-def test_relay_that_lies_about_the_age_moves_no_robot_far() -> None:
+def test_false_order_age_from_relay_moves_no_robot_far() -> None:
     fleet = SignedFleet(mission("velocity", TURNING, TEAM))
 
     def older(sender: str, attachment: PositionAttachment) -> PositionAttachment:
@@ -191,7 +193,7 @@ def test_relay_that_lies_about_the_age_moves_no_robot_far() -> None:
     assert 0.005 < fleet.error() < 0.1  # three edges of v/k, 0.2 rad aside
 
 
-def test_leader_that_gives_a_wrong_velocity_misleads_by_little() -> None:
+def test_wrong_velocity_from_leader_causes_bounded_error() -> None:
     fleet = Fleet(mission("velocity", of=TEAM))
     plan = fleet.candidates["leader"].plan
     true = plan.route.motion
@@ -206,6 +208,6 @@ def test_leader_that_gives_a_wrong_velocity_misleads_by_little() -> None:
     assert fleet.error() < 4 * 0.15  # cut to the leader's top speed, which leaves 2 v/k on each edge
 
 
-def test_other_laws_do_not_use_the_orders() -> None:
+def test_paper_law_ignores_velocity_of_orders() -> None:
     fleets = [Fleet(mission(use, of=TEAM), law="paper").after(4.0) for use in ("none", "velocity")]
     assert fleets[0].commands == fleets[1].commands

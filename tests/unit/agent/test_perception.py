@@ -1,4 +1,4 @@
-"""A robot's pose by its scans: the filter, scans that take time, scans as known drivers send them."""
+"""Pose of a robot by its range scans: the filter, swept scans, scans as known drivers send them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PERIOD, TURN_TIME, BEAMS = 0.05, 0.2, 360
 
 
 def swept(sweep: float | None) -> Mission:
-    """Three robots; robot7's scanner needs `sweep` [s] for a turn, as the mission says."""
+    """Three robots; robot7's scanner needs `sweep` [s] for a turn, as in the mission."""
     mission = hexagon(robots=TRIANGLE)
     spec = mission.robots["robot7"]
     scan = spec.scan.model_copy(update={"sweep": sweep})
@@ -51,10 +51,10 @@ def swept(sweep: float | None) -> Mission:
 
 
 class Turning:
-    """One robot that drives a circle among two that stand, and what its agent would learn."""
+    """One robot that drives a circle among two that stand, and its agent's perception."""
 
     def __init__(self, mission: Mission, *, against: bool, off: complex, turned: float) -> None:
-        """Its scans begin with the newest beam if `against`; it is `off` [m] its start pose, and `turned`."""
+        """Scans begin with the newest beam if `against`; the robot is `off` [m] its start, and `turned`."""
         self.here = Localisation(mission, "robot7", mission.law.controller)
         self.scanner, self.perception = Scanner(mission, "robot7"), Perception(mission, "robot7")
         self.others = [Neighbour(mission, name, 20.0) for name in ("robot2", "robot3")]
@@ -110,7 +110,7 @@ def errors(turning: Turning, ticks: int) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("against", [False, True])
-def test_motion_during_the_sweep_is_undone(against: bool) -> None:
+def test_motion_during_sweep_is_compensated(against: bool) -> None:
     mission = swept(-TURN_TIME if against else TURN_TIME)
     turning = Turning(mission, against=against, off=0.03 - 0.02j, turned=0.03)
     position, heading = errors(turning, 80)
@@ -119,7 +119,7 @@ def test_motion_during_the_sweep_is_undone(against: bool) -> None:
     assert turning.perception.sight(at(80 * PERIOD)) is Sight.LOCKED
 
 
-def test_gap_in_odometry_begins_anew() -> None:
+def test_gap_in_odometry_restarts_estimate() -> None:
     turning = Turning(swept(TURN_TIME), against=False, off=0j, turned=0.0)
     errors(turning, 60)
     state = turning.perception.state
@@ -150,10 +150,10 @@ def test_tower_is_found_in_scans_of_every_driver(model: str, wall: float) -> Non
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_lost_beams_are_lost_and_nothing_else(model: str) -> None:
+def test_lost_beams_form_no_segment(model: str) -> None:
     scan = sent(model, [], 0)
-    nothing = [one for one in scan.ranges if not scan.range_min <= one <= scan.range_max]
-    assert 0 < len(nothing) < 0.4 * len(scan.ranges)
+    lost = [one for one in scan.ranges if not scan.range_min <= one <= scan.range_max]
+    assert 0 < len(lost) < 0.4 * len(scan.ranges)
     assert min(segment.distance for segment in beams(scan, MODELS[model].noise).segments) > 0.9 * BACKGROUND
 
 
@@ -172,14 +172,14 @@ def test_faster_lds_02_has_fewer_beams() -> None:
     assert len(near) > 0.9 * 50
 
 
-def test_range_of_zero_is_a_lost_beam() -> None:
+def test_range_of_zero_counts_as_lost_beam() -> None:
     scan = sent("lds_01", [(1.0 + 0.0j, TOWER)], 3)
     open_limits = LaserScan(0.0, 0.0, scan.angle_increment, 0.0, 100.0, scan.ranges)
     assert beams(open_limits).segments == beams(scan).segments
 
 
 class Driven(Turning):
-    """The robot of `Turning`; its scanner has a known model, and its scans come as that driver sends them."""
+    """The robot of `Turning` with scans as the driver of a known scanner model sends them."""
 
     def __init__(self, model: str, mission: Mission) -> None:
         super().__init__(mission, against=True, off=0.03 - 0.02j, turned=0.03)
@@ -202,12 +202,12 @@ class Driven(Turning):
 
 
 def with_model(model: str, sweep: str = "") -> Mission:
-    """Three robots with scanners of one model, and what the mission says of their sweep."""
+    """Three robots with scanners of one model; `sweep` are more keys of `scan`."""
     return hexagon(robots=TRIANGLE, scan=f'model = "{model}"{sweep}')
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_robot_locks_by_scans_of_every_driver_while_it_turns(model: str) -> None:
+def test_turning_robot_locks_with_scans_of_every_driver(model: str) -> None:
     turning = Driven(model, with_model(model))
     position, heading = errors(turning, 100)
     assert position < 0.02
@@ -224,7 +224,7 @@ def test_sweep_follows_from_model_or_scan() -> None:
 
 
 @pytest.mark.parametrize("model", ["lds_01", *slow("lds_02", "rplidar_a1")])
-def test_rehearsed_robots_with_known_scanners_keep_their_shape(model: str) -> None:
+def test_simulated_robots_with_known_scanners_keep_shape(model: str) -> None:
     fleet = fleet_of(with_model(model)).after(12.0)
     assert {fleet.status(robot).sight for robot in ("robot3", "robot7")} == {Sight.LOCKED}
     assert max(shape_error(one) for one in fleet.every(1.0, 5.0)) < 0.03
@@ -239,12 +239,12 @@ turns = st.floats(-0.08, 0.08)
 
 
 def seen_from(position: complex, heading: complex, centre: complex) -> complex:
-    """What an exact scanner shows [m; body frame]."""
+    """A centre as an exact scanner measures it [m; body frame]."""
     return (centre - position) / heading - SCANNER
 
 
 def corrected(estimate: Estimate, seen: Sequence[tuple[complex, complex]]) -> Estimate:
-    """The estimate after both measurements of all robots: centre [m; team's frame] and what is seen."""
+    """The estimate after both measurements of each robot: centre [m; team's frame] and its ray."""
     for centre, ray in seen:
         for which in (0, 1):
             measurement = sightline(estimate, centre, SCANNER, ray, EXACT)[which]
@@ -253,7 +253,7 @@ def corrected(estimate: Estimate, seen: Sequence[tuple[complex, complex]]) -> Es
 
 
 @given(offsets, angles, turns, angles, st.floats(0.6, 2.5), st.floats(0.5, 2.6))
-def test_exact_sights_of_two_give_the_pose(
+def test_exact_measurements_of_two_neighbours_give_the_pose(
     off: complex, facing: float, turned: float, bearing: float, distance: float, apart: float
 ) -> None:
     position, heading = 1.0 + 2.0j, cmath.rect(1.0, facing)
@@ -269,7 +269,7 @@ def test_exact_sights_of_two_give_the_pose(
 
 
 @given(turns, st.floats(-0.6, 0.6))
-def test_motion_shows_heading_by_one_neighbour(turned: float, turn: float) -> None:
+def test_heading_follows_from_motion_and_one_neighbour(turned: float, turn: float) -> None:
     position, heading, centre = 0j, 1.0 + 0.0j, 1.0 + 0.6j
     estimate = first(position, cmath.rect(1.0, turned), 0.05, math.radians(3.0))
     for _ in range(60):
@@ -278,11 +278,11 @@ def test_motion_shows_heading_by_one_neighbour(turned: float, turn: float) -> No
         centre += 0.03
         estimate = moved(estimate, motion, 0.05 * turn, 0.2)
         estimate = corrected(estimate, [(centre, seen_from(position, heading, centre))])
-    # the rotation about the neighbour that the first sight left free has become visible
+    # motion has shown the rotation about the neighbour, which one measurement leaves open
     assert abs(estimate.heading - heading) < max(2e-3, 0.3 * abs(turned))
 
 
-def test_one_standing_neighbour_leaves_rotation_free() -> None:
+def test_rotation_stays_uncertain_with_one_standing_neighbour() -> None:
     estimate = first(0j, 1.0 + 0.0j, 0.05, math.radians(3.0))
     for _ in range(100):
         estimate = corrected(estimate, [(1.0 + 0.0j, seen_from(0j, 1.0 + 0.0j, 1.0 + 0.0j))])
@@ -291,7 +291,7 @@ def test_one_standing_neighbour_leaves_rotation_free() -> None:
 
 
 @given(st.floats(0.0, 0.5), angles, st.floats(0.0, 1.0))
-def test_motion_without_sight_never_reduces_doubt(way: float, turn: float, elapsed: float) -> None:
+def test_motion_without_measurement_never_reduces_deviation(way: float, turn: float, elapsed: float) -> None:
     before = first(1j, 1j, 0.02, 0.01)
     after = moved(before, complex(way), turn, elapsed)
     assert after.position_deviation >= before.position_deviation
@@ -300,7 +300,7 @@ def test_motion_without_sight_never_reduces_doubt(way: float, turn: float, elaps
 
 
 @given(angles, st.complex_numbers(min_magnitude=0.3, max_magnitude=3.0), st.floats(0.5, 2.0))
-def test_jacobians_are_derivatives(facing: float, away: complex, distance: float) -> None:
+def test_jacobian_equals_numerical_derivative(facing: float, away: complex, distance: float) -> None:
     estimate = first(0.3 - 0.2j, cmath.rect(1.0, facing), 0.05, 0.05)
     centre = estimate.position + away * distance / abs(away)
     ray = cmath.rect(1.0, 0.1)
@@ -325,7 +325,7 @@ def test_improbable_measurement_is_not_used() -> None:
     assert updated(estimate, Measurement(math.nan, (-1.0, 0.0, 0.0, 0.0), 1e-4)) is None
 
 
-def test_doubt_replaces_all_but_the_drift() -> None:
+def test_doubted_sets_deviations_without_correlation() -> None:
     estimate = doubted(moved(first(0j, 1j, 1e-3, 1e-3), 0.1 + 0j, 0.0, 0.2), 0.05, 0.02)
     assert estimate.position_deviation == pytest.approx(0.05)
     assert estimate.heading_deviation == pytest.approx(0.02)

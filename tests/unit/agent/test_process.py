@@ -1,4 +1,4 @@
-"""What an agent's loop sends to which side, and what it makes of the link to its robot."""
+"""Messages that an agent's loop sends to fleet and robot, and its handling of the link to the robot."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ SEEN = Sample("robot2/scan", b"\x00\x01\x00\x00 a scan", None, 1.0)
 
 
 class Wire:
-    """One side, which writes down what is done with it."""
+    """Stands in for the connection to one side; records all calls."""
 
     def __init__(self, side: str, log: list[tuple[str, str, bytes | None]]) -> None:
         self.advertised, self.subscribed = list[str](), list[str]()
         self.waiting = set[str]()
-        """What does not wake the agent."""
+        """Keys of messages that do not wake the agent."""
         self.connected, self.listens, self.requested = True, True, 0
         self._side, self._log = side, log
 
@@ -70,7 +70,7 @@ class Wire:
 
 
 class Setting:
-    """An agent between two such sides."""
+    """An agent's loop between two such connections."""
 
     def __init__(self, mission: Mission = SIX, *, readonly: bool = False) -> None:
         self.log: list[tuple[str, str, bytes | None]] = []
@@ -110,13 +110,13 @@ def test_command_is_sent_first_and_inputs_repeated_last(setting: Setting) -> Non
 
 def test_command_is_sent_before_later_messages_are_computed(setting: Setting) -> None:
 
-    def says() -> Iterator[Outgoing]:
+    def outbox() -> Iterator[Outgoing]:
         yield Outgoing("robot2/cmd_vel", b"command")
         assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]
         yield Outgoing("robot2/position", b"position", b"order")
-        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]  # all else goes out together
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]  # the rest is sent together
 
-    setting.sides.send(says())
+    setting.sides.send(outbox())
     assert len(setting.log) == 4
 
 
@@ -129,8 +129,8 @@ def test_attachments_are_sent_to_the_fleet_only(setting: Setting) -> None:
     assert attachments["fleet", "robot2/odom"] is None
 
 
-def test_second_agent_on_the_robot_makes_both_hold(setting: Setting) -> None:
-    assert "robot2/alive" in setting.robot.waiting  # its signs of life wake nobody
+def test_sign_of_second_agent_counts_for_one_second(setting: Setting) -> None:
+    assert "robot2/alive" in setting.robot.waiting  # signs of life do not wake the agent
     sign = Sample("robot2/alive", encode(Number(12.0)), None, 1.0)
     setting.turn(ODOMETRY, sign)
     assert setting.agent.decision.reason.code is Code.SECOND_AGENT
@@ -147,7 +147,7 @@ def test_farewell_or_readonly_makes_no_second_agent(value: float, *, readonly: b
     assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
 
 
-def test_readonly_agent_sends_robot_no_command_or_life() -> None:
+def test_readonly_agent_sends_robot_only_position_and_status() -> None:
     setting = Setting(readonly=True)
     result = setting.turn(ODOMETRY)
     assert {key for side, key in result if side == "robot"} == {"robot2/position", "robot2/status"}
@@ -157,11 +157,11 @@ def test_readonly_agent_sends_robot_no_command_or_life() -> None:
     assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
 
 
-def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated(setting: Setting) -> None:
+def test_neighbour_positions_come_from_fleet_and_are_not_repeated(setting: Setting) -> None:
     others = ["robot1/position"]
     assert setting.fleet.subscribed == others
     assert setting.robot.subscribed == ["robot2/odom", "robot2/scan", "robot2/alive"]
-    assert setting.fleet.waiting == set(others), "it is the robot's own messages that drive an agent"
+    assert setting.fleet.waiting == set(others), "only the robot's own messages wake its agent"
     assert setting.robot.waiting == {"robot2/alive"}
     assert "robot2/alive" in setting.robot.advertised
     assert "robot2/alive" not in setting.fleet.advertised
@@ -169,7 +169,7 @@ def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated(settin
     assert ("fleet", "robot1/position") not in setting.turn(position)
 
 
-def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
+def test_displacements_come_from_robot_side_and_are_repeated() -> None:
     setting = Setting(with_robots("six_robots", measurement="local"))
     assert "robot2/relative/robot1" in setting.robot.subscribed
     seen = Sample("robot2/relative/robot1", b"\x00\x01\x00\x00 seen", None, 1.0)
@@ -177,16 +177,16 @@ def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
 
 
 @pytest.mark.parametrize("received", [(ODOMETRY,), (ODOMETRY, SEEN), (SEEN, ODOMETRY, SEEN)])
-def test_everything_heard_is_repeated_once_and_in_order(setting: Setting, received: Sequence[Sample]) -> None:
+def test_received_messages_are_repeated_once_and_in_order(
+    setting: Setting, received: Sequence[Sample]
+) -> None:
     repeated = [key for _, key in setting.turn(*received)][-len(received) :]
     assert repeated == [sample.key for sample in received]
     assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
     assert setting.sides.dropped == {}
 
 
-def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(
-    setting: Setting, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_agent_uses_link_state_of_previous_step(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
     for connected, listens in ((True, False), (False, False), (True, True), (True, True)):
@@ -196,18 +196,20 @@ def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(
     assert links == [(True, True), (True, False), (False, None), (True, True)]
 
 
-def test_a_command_does_not_wait_for_a_look_around(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_is_sent_before_link_is_checked(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
     routed = setting.robot.routed
 
-    def looked(key: str) -> bool | None:
-        setting.log.append(("robot", "looked", None))
+    def checked(key: str) -> bool | None:
+        setting.log.append(("robot", "checked", None))
         return routed(key)
 
-    monkeypatch.setattr(setting.robot, "routed", looked)
-    assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
+    monkeypatch.setattr(setting.robot, "routed", checked)
+    assert setting.turn(ODOMETRY)[-1] == ("robot", "checked")
 
 
-def test_refusals_are_queried_rarely(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusals_are_queried_once_per_refused_period(
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
     setting.turn()
@@ -234,7 +236,7 @@ def test_agent_with_failing_status_still_stops_its_robot(
 
 
 class Slow(Drawer):
-    """A disk that hangs, and notes what the robot had been told when somebody waited for it."""
+    """A disk that never finishes writing; records what had been sent when the loop waited for it."""
 
     def __init__(self, log: list[tuple[str, str, bytes | None]]) -> None:
         super().__init__()
@@ -245,8 +247,8 @@ class Slow(Drawer):
         return False
 
 
-def keeping(setting: Setting, disk: Drawer) -> None:
-    """Have the agent keep things there."""
+def use_disk(setting: Setting, disk: Drawer) -> None:
+    """Have the agent store its state on this disk."""
     persistence = Persistence(setting.agent, cast("Store", disk), "a boot")
     setting.sides = Sides(setting.agent, setting.process, persistence=persistence)
     setting.sides.declare()
@@ -254,21 +256,21 @@ def keeping(setting: Setting, disk: Drawer) -> None:
 
 def test_stop_is_sent_before_it_is_stored(setting: Setting) -> None:
     disk = Slow(setting.log)
-    keeping(setting, disk)
+    use_disk(setting, disk)
     setting.sides.request(b'{"do":"hold"}', 1.1)
-    assert disk.before == [], "who has not begun says nothing before it may"
+    assert disk.before == [], "an agent that has not begun sends nothing"
     setting.turn(ODOMETRY)
     setting.log.clear()
     assert b'"ok":true' in setting.sides.request(b'{"do":"stop"}', 1.1)
     assert disk.before[0] == ("robot", "robot2/cmd_vel")
-    assert ("fleet", "robot2/status") not in disk.before, "nor does the operator wait for a report"
+    assert ("fleet", "robot2/status") not in disk.before, "the reply does not wait for the status"
     assert ("fleet", "robot2/status") in setting.turn(mono=1.2)
     assert setting.agent.decision.state is AgentState.STOP
 
 
 def test_stop_is_stored_even_if_its_step_fails(setting: Setting, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Drawer()
-    keeping(setting, disk)
+    use_disk(setting, disk)
     setting.turn(ODOMETRY)
 
     def fail(*_: Any) -> None:
@@ -325,19 +327,21 @@ def test_status_reports_refusals_by_kind_but_no_unknown_link() -> None:
     assert "link" not in fleet.message("robot3")
 
 
-class Moored(Fleet):
-    """A fleet in which the commands of robot1's agent do not reach the robot."""
+class ReadonlyFleet(Fleet):
+    """A fleet in which robot1's agent is readonly."""
 
     def new_agent(self, name: str) -> Agent:
         return Agent(self.mission, name, self.law, readonly=name == "robot1", publisher_id=name)
 
 
 @pytest.mark.parametrize("source", ["odometry", "external"])
-def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
-    fleet = Moored(with_robots("turtlebot3_pair", localisation=source, speed_step=0.01, turn_rate_step=0.01))
+def test_readonly_agent_reports_commands_but_learns_nothing(source: str) -> None:
+    fleet = ReadonlyFleet(
+        with_robots("turtlebot3_pair", localisation=source, speed_step=0.01, turn_rate_step=0.01)
+    )
     fleet.meddle = lost(CMD_VEL.key("robot1"))
     agent = fleet.agents["robot1"]
-    agent.aware(LOST)  # nothing is published there, so nobody can be seen to listen
+    agent.aware(LOST)  # no command is published, so no listener can be detected
     fleet.run(10.0)
     result = fleet.status("robot1")
     assert fleet.reported("robot1").level == 1
@@ -347,13 +351,13 @@ def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
     assert fleet.last_command("robot1") != AT_REST
     assert fleet.plant("robot1").path == 0.0
     start = fleet.mission.first_heading("robot1")
-    assert agent.here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
+    assert agent.here.heading == pytest.approx(start, abs=0.01)  # standing does not change the estimate
     assert all(abs(left) <= 0.01 for left in agent.commander.state.remainder)
 
 
 @pytest.mark.parametrize("law", [name for name, one in LAWS.items() if one.integral])
 def test_readonly_integral_stays_zero(law: str) -> None:
-    fleet, driven = Moored(PAIR, law=law), Fleet(PAIR, law=law)
+    fleet, driven = ReadonlyFleet(PAIR, law=law), Fleet(PAIR, law=law)
     fleet.meddle = lost(CMD_VEL.key("robot1"))
     for one in (fleet, driven):
         one.run(10.0)
@@ -362,13 +366,13 @@ def test_readonly_integral_stays_zero(law: str) -> None:
 
 
 @pytest.mark.parametrize("readonly", [True, False])
-def test_answers_tell_readonly_agents_apart(*, readonly: bool) -> None:
+def test_replies_state_whether_agent_is_readonly(*, readonly: bool) -> None:
     agent = Agent(PAIR, "robot1", readonly=readonly)
     for request in (b'{"do":"query"}', b'{"do":"run"}', b'{"do":"stop"}', b"junk"):
         assert order.decode(OperatorReply, agent.request(request, 0.0)).readonly is readonly
 
 
-def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
+def test_each_command_is_sent_first_with_sign_of_life() -> None:
     agent, alive = Agent(PAIR, "robot1"), list[float]()
     for mono in (1.0, 2.0, 2.7):
         command, life, *_ = agent.step(at(mono), [])

@@ -1,4 +1,4 @@
-"""Which process publishes for a neighbour: one, and nothing that it has published before."""
+"""Positions of a robot are accepted from one publisher at a time, and no position twice."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def moved(sample: Sample, by: complex) -> Sample:
 
 
 def second_agent(sample: Sample) -> tuple[Sample, ...]:
-    """Another agent speaks for robot2, a metre away and ordering a stop, twice as often as the first."""
+    """Add a second publisher for robot2, over 1 m away, which relays a stop at twice the rate."""
     result = order.decode(PositionAttachment, sample.attachment or b"")
     stop = result.order and result.order.model_copy(update={"mode": "stop", "beat": result.order.beat + 1})
     false = moved(decoded(sample, publisher_id="second", order=stop), 1.0 + 1.0j)
     return (sample, false, decoded(false, count=result.count + 1))
 
 
-def playing_back(seconds: float, *, speed: int) -> Meddle:
-    """Somebody plays back what robot2 said some time ago, `speed` messages for each that it says."""
+def replaying(seconds: float, *, speed: int) -> Meddle:
+    """Replay robot2's messages of `seconds` ago, `speed` of them with each new message."""
     kept: list[Sample] = []
 
     def meddle(sample: Sample) -> tuple[Sample, ...]:
@@ -83,10 +83,10 @@ def test_second_agent_changes_no_command_and_is_reported(undisturbed: Commands) 
 @pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.05, 0.1, 1.0, 5.0])
 @pytest.mark.parametrize("speed", [1, 3])
-def test_what_was_said_before_changes_no_command_and_is_counted(
+def test_replayed_messages_change_no_command_and_are_counted(
     undisturbed: Commands, seconds: float, speed: int
 ) -> None:
-    fleet, disturbed = commands(playing_back(seconds, speed=speed))
+    fleet, disturbed = commands(replaying(seconds, speed=speed))
     assert disturbed == undisturbed
     for name in ("robot3", "robot4"):
         assert fleet.agents[name].dropped[KEY] >= (15.0 - seconds) / PERIOD - 10
@@ -128,8 +128,8 @@ def test_successor_agent_is_followed_after_first_falls_silent() -> None:
     assert fleet.agents["robot3"].decision.state == "run"
 
 
-def test_former_publisher_repeats_nothing_but_may_return() -> None:
-    """Its process was cut off while another agent of the robot was received, and that one has ended."""
+def test_former_publisher_may_return_but_not_repeat() -> None:
+    """It was disconnected while another agent of the robot was received, which has ended since."""
     publisher = AcceptedPublisher("robot2", 20.0)
     publisher.admit(PositionAttachment(publisher_id="a", count=1), 0.0)
     publisher.admit(PositionAttachment(publisher_id="b", count=1), 1.0)
@@ -141,11 +141,11 @@ def test_former_publisher_repeats_nothing_but_may_return() -> None:
     publisher.admit(PositionAttachment(publisher_id="a", count=190), 10.0)
 
 
-@pytest.mark.parametrize("told_at", [20.0, 50.0, 100.0])
-def test_robot_above_nominal_rate_is_heard_after_outage(told_at: float) -> None:
+@pytest.mark.parametrize("actual_rate", [20.0, 50.0, 100.0])
+def test_publisher_above_nominal_rate_is_accepted_after_outage(actual_rate: float) -> None:
     publisher, received = AcceptedPublisher("robot2", 20.0), 0.0
-    for count in range(round(20.0 * told_at)):
-        mono = count / told_at
+    for count in range(round(20.0 * actual_rate)):
+        mono = count / actual_rate
         if 5.0 <= mono < 12.0:
             continue
         with suppress(BadMessage):
@@ -163,24 +163,26 @@ def test_highest_possible_count_silences_no_publisher() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 40), st.floats(0.0, 0.1)), max_size=80))
-def test_one_publisher_at_a_time_with_rising_count(messages: list[tuple[str, int, float]]) -> None:
+def test_publisher_changes_only_after_limit_and_counts_rise(
+    messages: list[tuple[str, int, float]],
+) -> None:
     publisher, mono = AcceptedPublisher("robot2", 20.0), 0.0
     admitted: list[tuple[str, int, float]] = []
-    for who, count, wait in messages:
+    for name, count, wait in messages:
         mono += wait
         try:
-            publisher.admit(PositionAttachment(publisher_id=who, count=count), mono)
+            publisher.admit(PositionAttachment(publisher_id=name, count=count), mono)
         except BadMessage:
             continue
-        if admitted and admitted[-1][0] == who:
+        if admitted and admitted[-1][0] == name:
             assert count > admitted[-1][1]
         elif admitted:
             assert mono - admitted[-1][2] > publisher.limit
-            assert count > max((number for one, number, _ in admitted if one == who), default=-1)
-        admitted.append((who, count, mono))
+            assert count > max((number for one, number, _ in admitted if one == name), default=-1)
+        admitted.append((name, count, mono))
 
 
-def test_a_leader_has_one_publisher_as_well() -> None:
+def test_second_publisher_of_leader_changes_no_command() -> None:
     fleet = Fleet(PAIR)
     fleet.meddle = on(
         POSITION.key("leader"), lambda one: (one, moved(decoded(one, publisher_id="second"), -3.0))
@@ -194,7 +196,7 @@ def leading(publisher_id: str, term: int | None, count: int = 0) -> PositionAtta
 
 
 def test_leader_of_later_voted_term_is_accepted_immediately() -> None:
-    """The one before it has stopped in order: nothing is to be waited for, and nobody is suspect."""
+    """The earlier leader has ended in order: there is no wait, and the leader is not contested."""
     publisher = AcceptedPublisher("leader", 1.0 / PERIOD)
     publisher.admit(leading("old", 8), 0.0, 8)
     publisher.admit(leading("new", 9), PERIOD, 9)
@@ -206,9 +208,9 @@ def test_leader_of_later_voted_term_is_accepted_immediately() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "voted_term"),
     [(8, 9, 0), (8, 9, 8), (8, 9, 10), (8, 8, 8), (8, 7, 7), (None, 9, 9)],
-    ids=["no standbys", "not voted for", "another voted for", "the same term", "an earlier term", "no order"],
+    ids=["no standbys", "no vote", "vote for another term", "same term", "earlier term", "no order"],
 )
-def test_any_other_second_publisher_of_the_leader_waits(old: int | None, new: int, voted_term: int) -> None:
+def test_any_other_second_publisher_of_leader_is_refused(old: int | None, new: int, voted_term: int) -> None:
     publisher = AcceptedPublisher("leader", 1.0 / PERIOD)
     publisher.admit(leading("old", old), 0.0, voted_term)
     with pytest.raises(BadMessage, match="second publisher"):

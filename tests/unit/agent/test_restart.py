@@ -1,4 +1,4 @@
-"""An agent that died or was frozen comes back: what it goes on with, and what it refuses."""
+"""Restarted and thawed agents: the saved state that they restore, and the state that they refuse."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ from tests.support.missions import with_robots
 from tests.support.recorded import Wire, verify
 from tests.support.restarting import Team, driving, turning_back
 from tests.support.sensing import reset_odometry
-from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.sudden import largest_command_change
 
 SIX = load("six_robots")
 BACK = turning_back()
 SEEN = turning_back(localisation="external")
 AT_REST = (0.0, 0.0)
 STRAIGHT = 5.0
-"""Heading error up to which a robot goes where it should [deg]."""
+"""Heading error with which a robot still drives in the right direction [deg]."""
 
 
 def first_heading_error(team: Team, name: str, patience: float = 5.0) -> float:
-    """How far the heading is off at the first command that moves the robot from now on [deg]."""
+    """Heading error at the first command from now on that moves the robot [deg]."""
     before, end = len(team.commands[name]), team.now + patience
     while team.now < end:
         team.run(0.002)
@@ -56,8 +56,8 @@ def first_heading_error(team: Team, name: str, patience: float = 5.0) -> float:
     raise AssertionError(f"{name} does not move: {team.agents[name].decision}")
 
 
-def turned_unseen(team: Team, name: str, gone: float) -> float:
-    """How far a robot can turn unmeasured since its way was kept, until its watchdog stops it [deg]."""
+def unmeasured_turn(team: Team, name: str, gone: float) -> float:
+    """Greatest unmeasured turn from the last save until the watchdog stops the robot [deg]."""
     spec = team.mission.robots[name]
     if spec.localisation == "odometry":
         return 0.0
@@ -80,18 +80,20 @@ def test_restarted_agent_resumes_straight_within_limits_and_forms(
     team.lose(name, gone)
     back = team.now
     team.begin(name)
-    assert first_heading_error(team, name) < STRAIGHT + turned_unseen(team, name, gone)
+    assert first_heading_error(team, name) < STRAIGHT + unmeasured_turn(team, name, gone)
     team.run(5.0)
     assert team.error() < 0.02
     assert team.within_limits
-    assert most_sudden(team, back) < 0.5
+    assert largest_command_change(team, back) < 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mission", "gone", "most"), [(BACK, 0.5, STRAIGHT), (BACK, 5.4, STRAIGHT), (SEEN, 0.5, 10.0)]
 )
-def test_without_state_heading_is_odometrys_or_leaders(mission: Mission, gone: float, most: float) -> None:
+def test_agent_without_saved_state_starts_in_right_direction(
+    mission: Mission, gone: float, most: float
+) -> None:
     team = driving(mission, 18.0)
     team.replace("robot3", gone, empty=True)
     assert first_heading_error(team, "robot3") < most
@@ -99,8 +101,8 @@ def test_without_state_heading_is_odometrys_or_leaders(mission: Mission, gone: f
     assert team.error() < 0.02
 
 
-def test_first_heading_guess_is_from_mission() -> None:
-    team = Team(SIX).after(0.2)  # a tenth of a second of driving later it knows better
+def test_robot_runs_with_wrong_first_heading() -> None:
+    team = Team(SIX).after(0.2)  # 0.1 s of driving later the heading is known
     assert team.heading_error("robot4") > 45.0
     assert team.agents["robot4"].decision.state is AgentState.RUN
 
@@ -123,14 +125,14 @@ def test_recording_of_restarted_agent_verifies_exactly() -> None:
 
 
 def lost(seconds: float, mission: Mission = SIX) -> Team:
-    """A team in which robot3 has had no agent for that time."""
+    """A team in which robot3 has had no agent for `seconds`."""
     team = driving(mission)
     team.lose("robot3", seconds)
     return team
 
 
-def news(team: Team, caplog: pytest.LogCaptureFixture) -> str:
-    """What robot3's agent says of the one before it."""
+def start_messages(team: Team, caplog: pytest.LogCaptureFixture) -> str:
+    """Start a new agent for robot3; return its log messages."""
     caplog.clear()
     team.begin("robot3")
     team.run(0.5)
@@ -143,20 +145,20 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
     "robot": ({"robot": "robot4"}, "it is of robot robot4, this one of robot3"),
     "boot": ({"boot": "another"}, "the machine has been switched off meanwhile"),
     "future": ({"mono": 1e6}, "the machine has been switched off meanwhile"),
-    "shape": ({"here": {}}, "cannot be read: here.stream: Field required"),
-    "table": ({"voted_term": -1}, "cannot be read: voted_term"),
-    "voted_term": ({"voted_term": 2**62}, "voted for an absurd term: begins"),
-    "number": ({"integral": ["NaN", 0.0]}, "a number in it is not finite"),
+    "missing field": ({"here": {}}, "cannot be read: here.stream: Field required"),
+    "negative term": ({"voted_term": -1}, "cannot be read: voted_term"),
+    "absurd term": ({"voted_term": 2**62}, "voted for an absurd term: begins"),
+    "not finite": ({"integral": ["NaN", 0.0]}, "a number in it is not finite"),
 }
 
 
 @pytest.mark.parametrize(("change", "words"), CHANGES.values(), ids=CHANGES)
-def test_foreign_state_is_refused_and_logged(
+def test_foreign_or_invalid_state_is_refused_and_logged(
     change: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     team = lost(1.0)
     team.drawers["robot3"].change("state", **change)
-    result = news(team, caplog)
+    result = start_messages(team, caplog)
     assert result.startswith("starts without the saved state: ")
     assert words in result
     assert team.agents["robot3"].decision.state is AgentState.RUN
@@ -170,7 +172,7 @@ def test_foreign_state_is_refused_and_logged(
         ("estimate", "[1.7e308, 1.7e308]", ""),
         ("jumps", 5000 * "1", ""),
     ],
-    ids=["arrived", "stamp", "an agent would fail with it at its first step", "too long to be shown"],
+    ids=["arrived", "stamp", "overflow at the first step", "too many digits"],
 )
 def test_state_with_impossible_number_is_refused(
     place: str, value: str, words: str, caplog: pytest.LogCaptureFixture
@@ -181,36 +183,36 @@ def test_state_with_impossible_number_is_refused(
     assert place in here
     here[place] = "PLACE"
     team.drawers["robot3"].texts["state"] = json.dumps(state).replace('"PLACE"', value).encode()
-    result = news(team, caplog)
+    result = start_messages(team, caplog)
     assert "starts without the saved state" in result
     assert words in result
     assert team.agents["robot3"].here.stream.clock_agrees
     assert team.agents["robot3"].decision.state is AgentState.RUN
 
 
-def test_saved_state_that_its_agent_failed_with_is_set_aside(caplog: pytest.LogCaptureFixture) -> None:
+def test_state_is_set_aside_after_agent_fails_with_it(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
-    assert news(team, caplog).startswith("goes on from where it was 1.")
+    assert start_messages(team, caplog).startswith("goes on from where it was 1.")
     sides = team.loop("robot3").sides
     sides.failed(team.moment)
-    sides.end(team.moment)  # which an agent does in any case
+    sides.end(team.moment)  # as after any end of an agent
     assert "state" not in team.drawers["robot3"].texts
     assert "after it took over saved state, which is now /somewhere/robot.state.failed" in caplog.text
     team.kill("robot3")
-    assert news(team, caplog) == ""
+    assert start_messages(team, caplog) == ""
     assert team.agents["robot3"].decision.state is AgentState.RUN
 
 
 @pytest.mark.slow
-def test_proven_saved_state_survives_a_failure(caplog: pytest.LogCaptureFixture) -> None:
+def test_state_is_kept_after_failure_past_trial_time(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
-    news(team, caplog)
+    start_messages(team, caplog)
     team.run(RESTORE_TRIAL_TIME)
     team.loop("robot3").sides.failed(team.moment)
     assert "state" in team.drawers["robot3"].texts
 
 
-def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_loop_calls_failed_of_sides(monkeypatch: pytest.MonkeyPatch) -> None:
     failed = []
     monkeypatch.setattr(Sides, "failed", lambda _self, now: failed.append(now))
 
@@ -229,15 +231,15 @@ def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_a_way_that_is_too_old_is_not_taken_over(caplog: pytest.LogCaptureFixture) -> None:
+def test_state_older_than_max_age_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
     team.run(MAX_STATE_AGE)
-    assert f"which is more than {MAX_STATE_AGE:.0f} s" in news(team, caplog)
+    assert f"which is more than {MAX_STATE_AGE:.0f} s" in start_messages(team, caplog)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("localisation", ["odometry", "external"])
-def test_a_robot_that_was_carried_meanwhile_begins_anew(
+def test_restarted_agent_reports_jump_of_carried_robot(
     localisation: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     team = lost(1.0, with_robots("six_robots", localisation=localisation))
@@ -245,21 +247,21 @@ def test_a_robot_that_was_carried_meanwhile_begins_anew(
     team.meddle = meddling.altered(
         key.key("robot3"), kind, lambda seen: replace(seen, position=seen.position + 9.0)
     )
-    assert "jumped by 9.06 m" in news(team, caplog)
+    assert "jumped by 9.06 m" in start_messages(team, caplog)
 
 
 @pytest.mark.slow
-def test_odometry_of_another_frame_begins_anew(caplog: pytest.LogCaptureFixture) -> None:
+def test_restarted_agent_reports_other_odometry_frame(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
     team.meddle = meddling.altered(
         ODOM.key("robot3"), Odometry, lambda seen: replace(seen, frame="elsewhere")
     )
-    assert "odometry counts in elsewhere, and counted in map" in news(team, caplog)
+    assert "odometry counts in elsewhere, and counted in map" in start_messages(team, caplog)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", [1.0, MAX_INTEGRAL_AGE + 1.0])
-def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -> None:
+def test_integral_is_restored_only_up_to_max_age(gone: float) -> None:
     team = lost(gone, SIX.under("paper"))
     kept = json.loads(team.drawers["robot3"].texts["state"])["integral"]
     team.begin("robot3")
@@ -270,7 +272,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
 
 
 @pytest.mark.slow
-def test_realigned_odometry_persists_over_agent_death() -> None:
+def test_realignment_of_odometry_survives_agent_restart() -> None:
     team = Team(turning_back(odometry_frame="start")).after(8.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
@@ -283,10 +285,8 @@ def test_realigned_odometry_persists_over_agent_death() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("empty", "least", "most"), [(False, 0.0, 0.25), (True, 1.0, 100.0)])
-def test_odometry_reset_without_agent_restores_approximate_position(
-    empty: bool, least: float, most: float
-) -> None:
-    """To where its way was last kept; without that it is taken to be at its start."""
+def test_position_after_odometry_reset_needs_saved_state(empty: bool, least: float, most: float) -> None:
+    """Saved state gives the position at the last save; without it the robot counts as at its start."""
     team = Team(turning_back(odometry_frame="start")).after(8.0)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
@@ -296,7 +296,7 @@ def test_odometry_reset_without_agent_restores_approximate_position(
     assert least <= team.error() < most
 
 
-def test_a_voted_term_survives_a_restart() -> None:
+def test_voted_term_survives_restart() -> None:
     team = lost(1.0)
     team.drawers["robot3"].change("state", voted_term=7)
     team.begin("robot3")
@@ -304,7 +304,7 @@ def test_a_voted_term_survives_a_restart() -> None:
 
 
 @pytest.mark.slow
-def test_unused_state_is_not_overwritten_by_dying_agent() -> None:
+def test_unused_state_is_not_overwritten_without_odometry() -> None:
     team = lost(1.0)
     kept = team.drawers["robot3"].texts["state"]
     team.meddle = meddling.lost(ODOM.key("robot3"))
@@ -314,7 +314,7 @@ def test_unused_state_is_not_overwritten_by_dying_agent() -> None:
 
 
 @pytest.mark.parametrize("leader_dies", [False, True])
-def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
+def test_thawed_agent_sends_zero_first(leader_dies: bool) -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.freeze("robot4")
     fleet.run(2.5)
@@ -332,7 +332,7 @@ def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
     assert (state is AgentState.RUN) is not leader_dies
 
 
-def test_a_short_pause_is_no_freeze() -> None:
+def test_short_pause_does_not_count_as_freeze() -> None:
     fleet = Fleet.under_way(SIX, 8.0)
     fleet.freeze("robot4")
     fleet.run(0.8)

@@ -1,4 +1,4 @@
-"""What an operator asked of a robot outlives its agent and its machine; every doubt about it is a stop."""
+"""Stop and hold of a robot survive restarts of agent and machine; an unreadable file is a stop."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_operator_stop_persists_over_restarts_until_released(
 
 
 @pytest.mark.slow
-def test_a_release_after_a_restart_ends_the_stop_that_it_names(team: Team) -> None:
+def test_release_after_restart_must_name_the_stop(team: Team) -> None:
     team.tell("robot3", "stop", id="s2")
     team.replace("robot3")
     assert team.tell("robot3", "release", id="r1", ends=("s1",)).code == "another"
@@ -58,12 +58,12 @@ def test_a_release_after_a_restart_ends_the_stop_that_it_names(team: Team) -> No
 @pytest.mark.parametrize(
     ("mode", "state"), [("stop", AgentState.STOP), ("hold", AgentState.HOLD), (None, AgentState.RUN)]
 )
-def test_stored_stops_without_holding_restore_no_hold(
+def test_stops_file_without_holding_restores_its_mode(
     team: Team, mode: str | None, state: AgentState
 ) -> None:
     team.tell("robot3", "run")
     kept = json.loads(team.drawers["robot3"].texts["stops"])
-    assert "holding" not in kept, "who goes back to a version that did not know of it can read it"
+    assert "holding" not in kept, "an earlier version of the program can read it"
     team.lose("robot3", 1.0)
     team.drawers["robot3"].texts["stops"] = json.dumps({**kept, "mode": mode}).encode()
     team.begin("robot3")
@@ -71,9 +71,9 @@ def test_stored_stops_without_holding_restore_no_hold(
     assert state_of(team) is state
 
 
-def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept(team: Team) -> None:
+def test_acknowledged_stop_survives_immediate_kill_of_agent(team: Team) -> None:
     assert team.tell("robot3", "stop").ok
-    team.replace("robot3")  # not a single step has been taken
+    team.replace("robot3")  # before any step
     team.run(2.0)
     assert state_of(team) is AgentState.STOP
 
@@ -85,11 +85,11 @@ def test_stop_that_cannot_be_stored_is_obeyed(team: Team) -> None:
     assert answer.reason == "cannot be saved just now: a restart may undo it"
     assert team.tell("robot3", "run").reason == "stopped: release it first"
     team.drawers["robot3"].failure = ""
-    assert team.tell("robot3", "stop", id="s").reason == "", "it is asked again, and is kept by now"
+    assert team.tell("robot3", "stop", id="s").reason == "", "the repeated request is stored by now"
 
 
 @pytest.mark.slow
-def test_an_agent_that_ends_well_was_not_stopped_by_an_operator(team: Team) -> None:
+def test_agent_runs_again_after_normal_exit(team: Team) -> None:
     team.halt("robot3")
     team.run(1.0)
     team.begin("robot3")
@@ -102,7 +102,7 @@ def test_an_agent_that_ends_well_was_not_stopped_by_an_operator(team: Team) -> N
     "text",
     [b"", b"{", b"[]", b"null", b"\xff\x00", b'{"robot": "robot3"}', b'{"robot": "robot3", "mode": "sotp"}'],
 )
-def test_unreadable_stops_file_stops_robot_and_is_named(team: Team, text: bytes) -> None:
+def test_unreadable_stops_file_stops_robot_and_is_reported(team: Team, text: bytes) -> None:
     team.lose("robot3", 0.5)
     team.drawers["robot3"].texts["stops"] = text
     team.begin("robot3")
@@ -112,7 +112,7 @@ def test_unreadable_stops_file_stops_robot_and_is_named(team: Team, text: bytes)
     assert reason.code is Code.STOP_UNKNOWN
     assert str(reason).startswith("/somewhere/robot.stops.json cannot be read: ")
     assert str(reason).endswith("release the robot if it may drive")
-    assert team.drawers["robot3"].texts["stops"] == text, "what it was is still to be seen"
+    assert team.drawers["robot3"].texts["stops"] == text, "the file stays as it was"
     assert not team.tell("robot3", "run").ok
     team.tell("robot3", "release")
     team.tell("robot3", "run")
@@ -122,7 +122,7 @@ def test_unreadable_stops_file_stops_robot_and_is_named(team: Team, text: bytes)
 
 
 @pytest.mark.slow
-def test_stored_stop_of_another_robot_is_refused(team: Team) -> None:
+def test_stops_file_of_another_robot_is_reported(team: Team) -> None:
     assert team.tell("robot3", "stop").ok
     team.run(0.5)
     team.kill("robot4")
@@ -132,7 +132,7 @@ def test_stored_stop_of_another_robot_is_refused(team: Team) -> None:
     assert "it is of robot3" in str(team.agents["robot4"].decision.reason)
 
 
-def test_a_file_that_cannot_be_opened_is_a_stop_as_well() -> None:
+def test_stops_file_without_permission_stops_robot() -> None:
     class Broken(Drawer):
         def read_stops(self) -> bytes | None:
             raise PermissionError(13, "Permission denied")
@@ -173,7 +173,7 @@ def test_release_requested_before_stop_is_refused_after_restart(team: Team, boot
     assert team.tell("robot3", "release", id="new", age=0.6).ok is (boot == "this very boot")
 
 
-def test_stopped_robot_stays_stopped_after_full_restart(team: Team) -> None:
+def test_stopped_robots_stay_stopped_after_full_restart(team: Team) -> None:
     for name in SIX.followers:
         team.tell(name, "stop")
     team.run(0.5)

@@ -1,4 +1,4 @@
-"""Scans that are not what they seem: late, blind to what is near, placed by odometry that is wrong."""
+"""Doubtful range scans: late, frozen, empty, blind at short range, or placed by wrong odometry."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.support.fleet import Fleet, at
 from tests.support.meddling import altered, on
 from tests.support.missions import team
 from tests.unit.agent.scanned import Robot, mission, post, scan, scanner_after
-from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
+from tests.unit.agent.test_scanning import ACROSS, ALONE, among, least_gap, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]
 NOISY, EXACT = "lost = 0.05\n", "lost = 0.0\nnoise = 0.0\nrelative_noise = 0.0\n"
@@ -34,12 +34,12 @@ KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
 
 
 def before_a_wall(scanner: str, seconds: float) -> Fleet:
-    """A robot that nothing but its protective zone keeps from a wall."""
+    """A robot that drives at a wall without collision filter: only its protective zone can stop it."""
     return Fleet.under_way(with_mode(among(team(ALONE, None, scanner=scanner), ACROSS), "off"), seconds)
 
 
 def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
-    """One odometry message of that speed [m/s], after which so many scans are lost."""
+    """Put that speed [m/s] into one odometry message, and lose the next `lost` scans."""
     left = {OWN: 1, KEY: lost}
 
     def meddle(sample: Sample) -> Iterable[Sample]:
@@ -63,12 +63,10 @@ def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
     ],
 )
 @pytest.mark.parametrize("speed", [6.0, -6.0, 20.0])
-def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
-    speed: float, lost: int, scanner: str
-) -> None:
+def test_impossible_odometry_speed_does_not_hide_wall(speed: float, lost: int, scanner: str) -> None:
     fleet = before_a_wall(scanner, 14.0)
     fleet.meddle = once_wrong(speed, lost)
-    assert room(fleet, 4.0) > 0.0
+    assert least_gap(fleet, 4.0) > 0.0
 
 
 def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
@@ -79,11 +77,11 @@ def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
     assert str(fleet.agents["robot1"].decision.reason) == (
         "range scan cannot be placed by odometry that said 6 m/s, 0 rad/s"
     )
-    fleet.run(6.0)  # such a speed is also none that the robot moved at: it probes before it goes on
+    fleet.run(6.0)  # the speed contradicts the positions as well: the robot probes before it resumes
     assert fleet.status("robot1").state == "run"
 
 
-def test_a_turn_that_cannot_be_is_no_motion_either() -> None:
+def test_impossible_turn_rate_does_not_move_scan_points() -> None:
     scanner = scanner_after(post(1.0))
     scanner.moved(0.05, Command(0.0, 60.0))
     (circle,) = scanner.strangers(at(0.1), [])
@@ -93,7 +91,7 @@ def test_a_turn_that_cannot_be_is_no_motion_either() -> None:
 
 @pytest.mark.parametrize("speed", [1.5, *slow(0.5, 1.0)])
 @pytest.mark.parametrize(("rate", "missing"), [(0.5, 2), (0.5, 3), (0.6, 3), (1.0, 4)])
-def test_a_slow_scanner_may_lose_a_scan_before_a_wall(speed: float, rate: float, missing: int) -> None:
+def test_lost_scan_of_slow_scanner_causes_no_collision(speed: float, rate: float, missing: int) -> None:
     for distance in (3.5, 5.0, 6.5):
         robot = Robot(
             walls=[(distance - 30j, distance + 30j)], rate=rate, missing=[missing - 1], range_max=8.0
@@ -116,7 +114,7 @@ def test_motion_history_is_limited_to_needed_duration() -> None:
 def test_late_scans_never_let_robot_touch_wall(way: float, scanner: str) -> None:
     fleet = before_a_wall(scanner, 0.0)
     fleet.meddle = on(KEY, lambda sample: (sample._replace(arrived=sample.arrived + way),))
-    assert room(fleet, 14.0) > 0.0
+    assert least_gap(fleet, 14.0) > 0.0
     result = fleet.status("robot1")
     if scanner == "optional":
         assert (result.state, result.scan_fault is not None) == ("run", way > 0.6)
@@ -127,7 +125,7 @@ def test_late_scans_never_let_robot_touch_wall(way: float, scanner: str) -> None
         assert "stamps of scan not believed" in fleet.message("robot1")
 
 
-def test_robot_with_a_fast_scanner_clock_holds() -> None:
+def test_scan_stamped_in_the_future_is_doubted() -> None:
     scanner = Scanner(mission(), "robot2")
     scanner.process_scan(scan(1.05, post(1.0)), 1.0, at(1.0))
     assert scanner.doubt is None
@@ -144,8 +142,8 @@ def test_obstacle_inside_scanner_blind_range_is_not_hit(speed: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_thin_post_behind_burger_is_not_lost(seed: int) -> None:
-    """An LDS-01 behind the axle sees no nearer than the margin of a robot of 0.1 m."""
+def test_thin_post_behind_burger_is_not_hit(seed: int) -> None:
+    """An LDS-01 behind the axle cannot measure nearer than the margin of a robot of 0.1 m."""
     robot = Robot([(-0.8 + 0j, 0.01)], behind=0.032, lost=0.1)
     robot.rng.seed(seed)
     robot.drive(Command(-0.2, 0.0), 30.0)
@@ -156,9 +154,7 @@ def test_thin_post_behind_burger_is_not_lost(seed: int) -> None:
     ("range_min", "where", "blind"),
     [(0.12, "", False), (0.15, "", False), (0.16, "", True), (0.12, ", x = -0.032", False), (0.5, "", True)],
 )
-def test_a_scanner_that_is_blind_beyond_body_and_margin_is_doubted(
-    range_min: float, where: str, blind: bool
-) -> None:
+def test_scanner_blind_beyond_body_and_margin_is_doubted(range_min: float, where: str, blind: bool) -> None:
     scanner = Scanner(mission(scan=where), "robot2")
     result = scan(0.0, post(1.0), device=Device(range_min=range_min))
     scanner.process_scan(decode(LaserScan, encode(result)), 0.0, at(0.0))
@@ -179,7 +175,9 @@ def test_blind_scanner_holds_if_required_and_warns_otherwise(scanner: str, state
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 @pytest.mark.parametrize("newest_first", [False, True])
 @pytest.mark.parametrize("stamped", ["first", "last"])
-def test_sweep_is_undone_for_any_stamp_and_direction(stamped: str, newest_first: bool, turn: float) -> None:
+def test_sweep_is_compensated_for_any_stamp_and_direction(
+    stamped: str, newest_first: bool, turn: float
+) -> None:
     """The robot turns on the spot, and the scanner sees a post with a single beam."""
     sweep = 0.2
     for beam in range(0, 360, 15):
@@ -199,7 +197,7 @@ def test_sweep_is_undone_for_any_stamp_and_direction(stamped: str, newest_first:
 def repeat(
     scanner: Scanner, ranges: list[float], seconds: float, moving: Command, since: float = 0.0
 ) -> None:
-    """Give the scanner one scan again and again, while the robot moves so."""
+    """Give the scanner the same scan repeatedly while the robot moves."""
     for number in range(round(5.0 * seconds)):
         moment = since + 0.2 * number
         scanner.moved(moment, moving)
@@ -230,7 +228,7 @@ def test_repeated_scan_is_believed_at_rest_and_without_hits(ranges: list[float],
     assert scanner.doubt is None
 
 
-def test_few_equal_beams_count_after_some_scans() -> None:
+def test_few_equal_beams_are_doubted_after_more_scans() -> None:
     scanner = Scanner(mission(), "robot2")
     repeat(scanner, FEW, 0.6, Command(0.2, 0.0))
     assert scanner.doubt is None
@@ -247,7 +245,7 @@ def test_scan_published_twice_is_no_fault() -> None:
         assert scanner.doubt is None
 
 
-def test_late_scan_counts_as_old_beside_a_fast_clock() -> None:
+def test_late_scan_counts_as_old_despite_fast_clock() -> None:
     scanner = Scanner(mission(), "robot2")
     scanner.process_scan(scan(1.4, post(1.0)), 1.0, at(1.0))
     scanner.process_scan(scan(1.6, post(1.0)), 1.5, at(1.5))
@@ -255,7 +253,7 @@ def test_late_scan_counts_as_old_beside_a_fast_clock() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 5])
-def test_old_scans_sent_in_turn_are_doubted(count: int) -> None:
+def test_cycle_of_old_scans_is_doubted(count: int) -> None:
     scanner = Scanner(mission(), "robot2")
     for number in range(3 * count):
         moment = 0.2 * number
@@ -300,14 +298,14 @@ def sector(first: float, last: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("first", "last"), [(90.0, 270.0), (180.0, 181.0), (-20.0, 20.0), (-30.0, 90.0)])
-def test_required_scan_must_show_what_is_ahead(first: float, last: float) -> None:
+def test_required_scan_must_cover_direction_ahead(first: float, last: float) -> None:
     assert str(seeing(**sector(first, last)).doubt).startswith("range scan does not show what is ahead")
     assert seeing("optional", **sector(first, last)).doubt is None
 
 
 @pytest.mark.parametrize("view", [90.0, 135.0, 180.0])
 @pytest.mark.parametrize("speed", [0.3, -0.3])
-def test_robot_drives_only_where_its_scanner_looks(view: float, speed: float) -> None:
+def test_robot_drives_only_in_directions_scanner_covers(view: float, speed: float) -> None:
     robot = Robot([(math.copysign(2.0, speed) + 0j, 0.01)])
     look = robot.look
 
@@ -321,20 +319,20 @@ def test_robot_drives_only_where_its_scanner_looks(view: float, speed: float) ->
     assert robot.scanner.doubt is None
     assert robot.nearest > 0.0
     assert (abs(robot.position) > 1.5) == (speed > 0.0 or view == 180.0)
-    if robot.position == 0j:  # it turns on the spot
+    if robot.position == 0j:  # it can turn on the spot
         robot.drive(Command(speed, 0.5), 1.0)
         assert cmath.phase(robot.heading) > 0.3
 
 
-def test_scan_of_nan_is_no_measurement() -> None:
+def test_scan_without_valid_beams_is_doubted() -> None:
     doubt = seeing(ranges=(math.nan,) * 360).doubt
     assert str(doubt).startswith("no beam of the range scan has come back for 0.0 s; check")
-    assert seeing(ranges=(*[math.nan] * 359, math.inf)).doubt is None  # nothing there
+    assert seeing(ranges=(*[math.nan] * 359, math.inf)).doubt is None  # free space
 
 
 @pytest.mark.parametrize(("seen", "empty"), [({"seen.radius": 0.035}, True), ({}, False)])
 def test_empty_scan_beside_another_robot_is_doubted(seen: dict[str, Any], empty: bool) -> None:
-    """Without a beam an LDS-01 in an open hall looks like one that is covered."""
+    """Without any beam, an LDS-01 in an open hall looks like a covered one."""
     fleet = Fleet(team(ALONE | {"robot2": ("robot1",)}, scanner="required", **seen))
     fleet.meddle = altered(
         SCAN.key("robot2"), LaserScan, lambda one: dataclasses.replace(one, ranges=(0.0,) * 360)
@@ -345,7 +343,7 @@ def test_empty_scan_beside_another_robot_is_doubted(seen: dict[str, Any], empty:
     assert fleet.status("robot1").state == "run"
     if empty:
         assert "robot1 should be in sight; check that the scanner turns" in str(reason)
-        # robot1 is out of sight by now; it goes on when a beam comes back
+        # robot1 is out of sight by now; robot2 resumes when a beam returns
         fleet.meddle = altered(
             SCAN.key("robot2"), LaserScan, lambda one: dataclasses.replace(one, ranges=tuple(post(3.0)))
         )

@@ -1,4 +1,4 @@
-"""An agent's view of its range scan, with scans that are old, noisy, swept on the way, or missing."""
+"""An agent's use of range scans that are old, noisy, swept during motion, or missing."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ from tests.support.examples import slow
 from tests.support.fleet import at
 from tests.unit.agent.scanned import MARGIN, Robot, Wall, mission, post, scan, scanner_after
 
-# How fast it may go
-
 
 @pytest.mark.parametrize("speed", [0.2, 0.7, 1.5, -0.7])
-@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
+@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "commands"])
 @pytest.mark.parametrize(
     ("way", "lag"), [(0.1, 0.2), *slow((0.0, 0.0), (0.0, 0.1), (0.0, 0.2), (0.1, 0.0), (0.1, 0.1))]
 )
@@ -36,8 +34,8 @@ def test_robot_stops_before_obstacles_with_poor_scans(
 
 
 @pytest.mark.parametrize("seed", [*range(2), *slow(*range(2, 12))])
-@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
-def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int, odometry: bool) -> None:
+@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "commands"])
+def test_robot_with_random_commands_touches_no_obstacle(seed: int, odometry: bool) -> None:
     rng = random.Random(seed)
     discs = [(cmath.rect(rng.uniform(0.5, 1.8), rng.uniform(0, math.tau)), 0.08) for _ in range(6)]
     walls = [(-2 - 2j, 2 - 2j), (2 - 2j, 2 + 2j), (2 + 2j, -2 + 2j), (-2 + 2j, -2 - 2j)]
@@ -52,13 +50,13 @@ def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int, odome
     [[(-1 + 0.25j, 6 + 0.25j)], [(1 - 3j, 1 - 0.3j), (1 + 0.3j, 1 + 3j)]],
     ids=["along a wall", "doorway"],
 )
-def test_robot_goes_on_along_wall_and_through_doorway(walls: list[Wall]) -> None:
+def test_robot_drives_along_wall_and_through_doorway(walls: list[Wall]) -> None:
     robot = Robot(walls=walls, noise=0.002, relative_noise=0.0)
     robot.drive(Command(0.3, 0.0), 10.0)
     assert robot.position.real > 2.5
 
 
-def test_teammate_that_is_avoided_by_message_does_not_slow_it() -> None:
+def test_teammate_known_by_message_does_not_limit_speed() -> None:
     scanner, fast = Scanner(mission(), "robot2"), Command(1.5, 0.0)
     scanner.moved(0.0, fast)
     scanner.process_scan(scan(0.0, post(0.28)), 0.0, at(0.0))
@@ -74,15 +72,15 @@ def test_moving_teammate_is_recognised_after_scan() -> None:
     assert scanner.strangers(at(0.3), [gone_on._replace(velocity=0j)])
 
 
-def test_what_stands_stays_where_it_is_while_the_robot_goes_on() -> None:
+def test_standing_obstacle_keeps_its_place_between_scans() -> None:
     robot = Robot([(1.5 + 0.3j, 0.1)], noise=0.0, relative_noise=0.0)
-    robot.drive(Command(0.4, 0.5), 0.99)  # nearly a scan's period after the last
+    robot.drive(Command(0.4, 0.5), 0.99)  # nearly one period after the last scan
     (circle, *_) = robot.scanner.strangers(at(robot.time), [])
     there = robot.position + robot.heading * circle.at
     assert abs(there - (1.5 + 0.3j)) < 0.12
 
 
-def test_a_swept_scan_is_put_where_its_last_beam_was() -> None:
+def test_first_beam_of_swept_scan_is_moved_to_now() -> None:
     scanner = Scanner(mission(), "robot2")
     for moment in (0.0, 0.1, 0.2, 0.3):
         scanner.moved(moment, Command(0.0, 1.0))
@@ -104,13 +102,13 @@ def test_mission_sweep_overrides_time_increment_of_driver() -> None:
     assert ends == pytest.approx([last - 0.2 + 359 * 3e-5, last], abs=1e-6)
 
 
-def test_only_what_is_near_becomes_an_obstacle() -> None:
+def test_only_near_scan_points_become_obstacles() -> None:
     scanner = scanner_after([1.0, *[math.inf] * 179, 3.4, *[math.inf] * 179])
     (one,) = obstacles(scanner.strangers(at(0.0), []), MAX_OBSTACLE_DISTANCE)
     assert one.at == pytest.approx(1.0)
 
 
-def test_a_circle_knows_what_it_holds_wherever_the_robot_goes() -> None:
+def test_circle_contains_its_points_after_motion() -> None:
     scanner = Scanner(mission(), "robot2")
     scanner.moved(0.0, Command(0.5, 0.3))
     scanner.process_scan(scan(0.0, [1.0, 1.0, 1.0, *[math.inf] * 357]), 0.0, at(0.0))
@@ -119,7 +117,7 @@ def test_a_circle_knows_what_it_holds_wherever_the_robot_goes() -> None:
     assert all(abs(point - circle.at) <= circle.radius for point in circle.points)
 
 
-def test_a_required_scanner_is_missed_and_an_optional_one_is_not() -> None:
+def test_only_required_scanner_is_silent_without_scans() -> None:
     for says, missed in (("required", math.inf), ("optional", 0.0), ("none", 0.0)):
         assert Scanner(mission(says), "robot2").silence(at(5.0)) == missed
 
@@ -133,13 +131,13 @@ def test_silent_scanner_is_detected_after_three_periods() -> None:
     assert scanner.strangers(at(1.7), []) == []
 
 
-def test_a_replayed_scan_is_refused() -> None:
+def test_replayed_scan_is_refused() -> None:
     scanner = scanner_after(post(0.5), 1.0)
     with pytest.raises(BadMessage, match="out of step"):
         scanner.process_scan(scan(1.0, post(0.5)), 1.2, at(1.2))
 
 
-def test_the_scanner_sits_where_the_mission_says() -> None:
+def test_scan_points_use_mounting_pose_of_mission() -> None:
     scanner = scanner_after(post(1.0), scanning=", x = -0.05, y = 0.02, yaw_deg = 90")
     (circle,) = scanner.strangers(at(0.0), [])
     assert circle.at == pytest.approx(-0.05 + 1.02j)

@@ -1,4 +1,4 @@
-"""Robots with range scanners, and what stands about or drives there."""
+"""Robots with range scanners among posts, walls and other robots."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
 from tests.support.missions import team
 from tests.support.mutations import mutated
-from tests.unit.agent.scanned import from_wall
+from tests.unit.agent.scanned import distance_to_wall
 
 ALONE: dict[str, tuple[str, ...]] = {"robot1": ("leader",)}
 IN_FILE = {"robot1": ("leader",), "robot2": ("leader",)}
-"""The second starts 0.8 m behind the first, and does not measure it."""
+"""robot2 starts 0.8 m behind robot1, and does not measure it."""
 POST = Post(x=1.5, y=0.03, radius=0.1)
 ACROSS = Wall(begin=(1.5, -3.0), end=(1.5, 3.0))
 KEY = SCAN.key("robot1")
 
 
 def among(mission: Mission, *things: Post | Wall) -> Mission:
-    """The same where these stand about."""
+    """The mission with these posts and walls."""
     posts = tuple(one for one in things if isinstance(one, Post))
     walls = tuple(one for one in things if isinstance(one, Wall))
     world = mission.simulation.model_copy(update={"posts": posts, "walls": walls})
@@ -49,19 +49,19 @@ def with_mode(mission: Mission, mode: str) -> Mission:
     return mission.model_copy(update={"collisions": collisions})
 
 
-def room(fleet: Fleet, seconds: float) -> float:
-    """How near a body comes to what stands about, or to another body [m]."""
+def least_gap(fleet: Fleet, seconds: float) -> float:
+    """Least gap between a follower and a post, a wall or another follower in that time [m]."""
     least = float("inf")
     posts = [post.disc for post in fleet.mission.simulation.posts]
     walls = [wall.line for wall in fleet.mission.simulation.walls]
     bodies = [(name, fleet.mission.robots[name].radius) for name in fleet.mission.followers]
     for _ in fleet.every(0.05, seconds):
-        fleet.points()  # has all be where they are by now
+        fleet.points()  # brings all robots up to now
         for number, (name, radius) in enumerate(bodies):
             here = fleet.plant(name).position
             others = [(fleet.plant(other).position, size) for other, size in bodies[:number]]
             gaps = [abs(at - here) - size for at, size in (*posts, *others)]
-            gaps += [from_wall(here, *wall) for wall in walls]
+            gaps += [distance_to_wall(here, *wall) for wall in walls]
             least = min([least, *(gap - radius for gap in gaps)])
     return least
 
@@ -80,15 +80,15 @@ def room(fleet: Fleet, seconds: float) -> float:
     ],
     ids=["odometry", "start frame", "local", "external", "external, measured", "optional"],
 )
-def test_a_robot_goes_round_a_post_and_back_into_its_slot(robot: dict[str, str]) -> None:
+def test_robot_drives_round_post_and_back_to_slot(robot: dict[str, str]) -> None:
     fleet = Fleet(among(team(ALONE, None, **{"scanner": "required", **robot}), POST))
-    assert room(fleet, 25.0) > 0.0
+    assert least_gap(fleet, 25.0) > 0.0
     assert fleet.plant("robot1").position.real > 3.0
     assert fleet.error() < 0.02
 
 
-def test_without_a_scanner_it_would_run_into_it() -> None:
-    assert room(Fleet(among(team(ALONE), POST)), 20.0) < 0.0
+def test_robot_without_scanner_hits_post() -> None:
+    assert least_gap(Fleet(among(team(ALONE), POST)), 20.0) < 0.0
 
 
 @pytest.mark.slow
@@ -96,17 +96,17 @@ def test_without_a_scanner_it_would_run_into_it() -> None:
 def test_six_robots_pass_posts_and_wall_and_reform(seed: int) -> None:
     mission = load("posts")
     fleet = Fleet(mission, seed=seed, loss=0.05)
-    assert room(fleet, mission.duration) > 0.0
+    assert least_gap(fleet, mission.duration) > 0.0
     assert fleet.error() < mission.settled
 
 
 @pytest.mark.parametrize(("mode", "law"), [*slow(("warn", "field")), ("off", "field"), ("on", "paper")])
-def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> None:
+def test_robot_stops_before_wall_without_collision_filter(mode: str, law: str) -> None:
     robot = {"scanner": "optional", "localisation": "external", "heading": "measured"}
     fleet = Fleet(with_mode(among(team(ALONE, None, **robot), ACROSS), mode), law=law)
     met = set()
     for _ in range(40):
-        assert room(fleet, 0.5) > 0.0
+        assert least_gap(fleet, 0.5) > 0.0
         met.add(fleet.status("robot1").zone)
     assert fleet.leader.where(fleet.now).real > 3.0
     assert {"clear", "stop"} <= met
@@ -146,7 +146,7 @@ def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
     assert fleet.error() < 0.01
 
 
-def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
+def test_robot_continues_without_optional_scanner() -> None:
     fleet = Fleet(team(ALONE, scanner="optional")).after(6.0)
     fleet.meddle = lost(KEY)
     assert {fleet.status("robot1").state for _ in fleet.every(0.25, 3.0)} == {"run"}
@@ -154,7 +154,7 @@ def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
 
 
 @pytest.mark.slow
-def test_known_teammate_nearby_is_not_taken_for_stranger() -> None:
+def test_known_teammate_nearby_causes_no_avoiding() -> None:
     result = {}
     for avoid in ("all", ()):
         mission = team(IN_FILE, scanner="required", avoid=avoid)  # type: ignore[arg-type]
@@ -166,7 +166,7 @@ def test_known_teammate_nearby_is_not_taken_for_stranger() -> None:
 
 
 def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second believes to face the first, and faces a post as far away instead."""
+    """robot2 assumes that it faces robot1; in fact it faces a post at the same distance."""
     mission = team(IN_FILE, scanner="required", avoid="all")
     robots = dict(mission.robots)
     turned = robots["robot2"].start.model_copy(update={"heading_deg": 90.0})
@@ -186,10 +186,10 @@ def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.Monkey
     fleet.run(6.0)
     assert seen[0] == 0
     assert seen[-1] == 1
-    assert room(fleet, 10.0) > 0.0
+    assert least_gap(fleet, 10.0) > 0.0
 
 
-@pytest.mark.parametrize("when", [*slow(0.0), 6.0], ids=["from the beginning", "on the way"])
+@pytest.mark.parametrize("when", [*slow(0.0), 6.0], ids=["at start", "while driving"])
 def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     mission = team(IN_FILE, scanner="required", avoid="all")
     in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}
@@ -197,14 +197,14 @@ def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
     there = fleet.plant("robot1").position
-    assert room(fleet, 25.0) > 0.0
+    assert least_gap(fleet, 25.0) > 0.0
     assert fleet.plant("robot2").position.real > there.real + 1.0
     *_, last = fleet.points()
     assert abs(last - fleet.leader.where(fleet.now) + 1.6) < 0.02
 
 
 def test_bad_scans_are_counted_and_change_no_command() -> None:
-    """Cut, of the wrong length, with steps that are no number, from the past, by somebody else."""
+    """They are truncated, of a wrong length or increment, repeated, or another robot's."""
     mission = among(team(ALONE, scanner="required"), POST)
     spared, attacked = Fleet(mission), Fleet(mission)
     seen: list[Sample] = []
@@ -231,7 +231,7 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
     attacked.meddle = on(KEY, bad)
     spared.run(15.0)
     attacked.run(14.99)
-    sent[KEY] += len(seen)  # which came twice
+    sent[KEY] += len(seen)  # each came twice
     attacked.meddle = spared.meddle
     attacked.run(0.01)
     assert attacked.commands == spared.commands
@@ -240,7 +240,7 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
     assert attacked.agents["robot1"].decision.state is AgentState.RUN
 
 
-def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
+def test_garbled_scans_crash_nothing_and_keep_limits() -> None:
     dice = random.Random(4)
     fleet = Fleet(among(team(ALONE, scanner="required"), POST))
     fleet.meddle = on(
@@ -262,7 +262,7 @@ TOWER = "seen = { radius = 0.035, x = -0.032 }"
 def facing(*, mode: str, passes: bool, seen: str = TOWER) -> Mission:
     """Two Burgers that do not receive each other's positions; one drives towards the front of the other.
 
-    If it `passes`, both change sides; otherwise the other stands, and its slot is beyond.
+    If it `passes`, both change sides; otherwise the other stands in front of the slot.
     """
     slot, start = ("[1.0, 0.0]", -1.0) if passes else ("[0.05, 0.0]", 0.0)
     return parse(
@@ -304,20 +304,20 @@ def facing(*, mode: str, passes: bool, seen: str = TOWER) -> Mission:
     )
 
 
-def test_robots_pass_bodies_wider_than_what_is_seen() -> None:
+def test_robots_pass_bodies_wider_than_seen_part() -> None:
     fleet = Fleet(facing(mode="on", passes=True))
-    assert room(fleet, 20.0) > 0.05
+    assert least_gap(fleet, 20.0) > 0.05
     assert fleet.error() < 0.03
 
 
 @pytest.mark.parametrize(("seen", "most"), [(TOWER, 0.15), ("", 0.1)], ids=["tower", "body"])
-def test_zone_stops_before_a_body_seen_in_part_or_whole(seen: str, most: float) -> None:
+def test_zone_stops_before_body_seen_in_part_or_whole(seen: str, most: float) -> None:
     fleet = Fleet(facing(mode="off", passes=False, seen=seen))
-    assert 0.04 < room(fleet, 10.0) < most
+    assert 0.04 < least_gap(fleet, 10.0) < most
     assert not seen or fleet.status("robot1").zone == "stop"
 
 
 @pytest.mark.parametrize(("seen", "warns"), [("", True), (TOWER, False)])
-def test_check_warns_of_burgers_whose_scanners_are_not_stated(seen: str, *, warns: bool) -> None:
+def test_check_warns_if_burgers_have_no_seen_radius(seen: str, *, warns: bool) -> None:
     warnings = analyse(facing(mode="on", passes=True, seen=seen)).warnings
     assert any("seen = { radius = 0.035" in one for one in warnings) == warns

@@ -30,7 +30,7 @@ STANDS = "[[route]]\nspeed = 0.0\nheading_deg = 0"
 
 
 def worst(fleet: Fleet, seconds: float) -> float:
-    """Greatest error of the shape meanwhile [m]."""
+    """Greatest error of the shape in that time [m]."""
     return max(shape_error(one) for one in fleet.every(0.5, seconds))
 
 
@@ -45,12 +45,12 @@ def _driving_triangle(scanner: str) -> Fleet:
 
 
 def driving_triangle(scanner: str = "required") -> Fleet:
-    """The same after 8 s."""
+    """Three robots after 8 s of driving."""
     return _driving_triangle(scanner).copy()
 
 
 def holds(fleet: Fleet, robot: str, code: Code) -> bool:
-    """Whether a robot stands for this reason."""
+    """Whether a robot holds for this reason."""
     decision = fleet.agents[robot].decision
     return decision.state is AgentState.HOLD and decision.reason.code is code
 
@@ -62,7 +62,7 @@ def test_seeing_robots_keep_true_relative_positions(robots: tuple[str, ...]) -> 
     assert seeing.states == {AgentState.RUN}
 
 
-def test_robots_stand_until_they_see() -> None:
+def test_robots_hold_until_scans_show_neighbours() -> None:
     fleet = triangle(errors=Errors(lost=1.0)).after(5.0)
     for robot in ("robot3", "robot7"):
         assert holds(fleet, robot, Code.SIGHT_SEARCHING)
@@ -72,7 +72,7 @@ def test_robots_stand_until_they_see() -> None:
     assert "its range scans do not show robot2 yet: 0 of 5 scans" in fleet.message("robot3")
 
 
-def test_status_says_how_well_neighbours_are_seen() -> None:
+def test_status_reports_sight_of_neighbours() -> None:
     fleet = triangle(STANDS).after(6.0)
     status = fleet.status("robot7")
     assert status.sight is Sight.LOCKED
@@ -82,7 +82,7 @@ def test_status_says_how_well_neighbours_are_seen() -> None:
     assert 0.0 < max(status.sight_deviation.values()) < 0.05
 
 
-def test_blinded_robot_drives_on_for_a_while_only() -> None:
+def test_blinded_robot_holds_after_max_reckoning_time() -> None:
     fleet = driving_triangle()
     blind(fleet, "robot7")
     fleet.run(10.0)
@@ -95,7 +95,7 @@ def test_blinded_robot_drives_on_for_a_while_only() -> None:
     assert fleet.last_command("robot7") == (0.0, 0.0)
 
 
-def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
+def test_carried_robot_holds_until_it_finds_neighbours() -> None:
     fleet = driving_triangle()
     carry(fleet, "robot7", 0.15 - 0.4j)
     fleet.run(2.5)
@@ -103,11 +103,11 @@ def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
     while fleet.agents["robot7"].decision.state is not AgentState.RUN:
         assert fleet.driven("robot7", 0.1) < 0.02
         assert fleet.now < 60.0
-    assert believed_error(fleet) < 0.03  # it has found its neighbours where they are
+    assert believed_error(fleet) < 0.03  # it has found its neighbours
 
 
-def contradicted(fleet: Fleet, robot: str) -> None:
-    """A robot stands within 4 s, and soon no robot uses its position."""
+def assert_contradicted(fleet: Fleet, robot: str) -> None:
+    """Assert that a robot holds within 4 s, stays so, and that its position is not usable."""
     fleet.run(4.0)
     assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
     assert not fleet.agents[robot].perception.placed(fleet.moment)  # type: ignore[union-attr]
@@ -115,21 +115,21 @@ def contradicted(fleet: Fleet, robot: str) -> None:
     assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
 
 
-def test_robot_carried_far_stands_in_open_hall() -> None:
+def test_robot_carried_far_in_open_hall_holds() -> None:
     fleet = driving_triangle()
     carry(fleet, "robot7", -1.0j)
-    contradicted(fleet, "robot7")
+    assert_contradicted(fleet, "robot7")
 
 
-def test_robot_that_changed_places_stands() -> None:
+def test_robot_that_changed_places_with_neighbour_holds() -> None:
     fleet = driving_triangle()
     way = fleet.plant("robot3").position - fleet.plant("robot2").position
     carry(fleet, "robot2", way)
     carry(fleet, "robot3", -way)
-    contradicted(fleet, "robot3")
+    assert_contradicted(fleet, "robot3")
 
 
-def test_robot_behind_a_board_goes_on() -> None:
+def test_robot_with_blocked_view_continues_by_odometry() -> None:
     fleet = triangle(STANDS).after(6.0)
     ranging = fleet.world._hosted["robot7"].ranging
     assert ranging is not None
@@ -140,7 +140,7 @@ def test_robot_behind_a_board_goes_on() -> None:
     assert fleet.status("robot7").sight is Sight.RECKONING
 
 
-def test_robot_without_sight_is_soon_no_landmark() -> None:
+def test_robot_without_sight_soon_stops_being_landmark() -> None:
     fleet = driving_triangle()
     blind(fleet, "robot3")
     fleet.run(0.5)
@@ -150,7 +150,7 @@ def test_robot_without_sight_is_soon_no_landmark() -> None:
     assert fleet.agents["robot7"].neighbours.each["robot3"].state.searching
 
 
-def test_robot_put_down_a_little_off_finds_its_place() -> None:
+def test_slightly_displaced_robot_corrects_its_pose() -> None:
     fleet = driving_triangle()
     carry(fleet, "robot7", 0.03 + 0.05j)
     assert worst(fleet.after(8.0), 2.0) < 0.02
@@ -167,7 +167,7 @@ def test_frozen_scan_shows_no_neighbour() -> None:
     assert fleet.status("robot7").sight is Sight.RECKONING
 
 
-def test_posts_like_robots_are_not_taken_for_them() -> None:
+def test_posts_of_tower_size_do_not_mislead_pose() -> None:
     posts = "\n".join(
         f"[[simulation.posts]]\nx = {x}\ny = {y}\nradius = 0.035"
         for x, y in ((-0.35, 0.6), (-1.35, 0.55), (-1.0, 1.5), (-0.6, -0.3))
@@ -177,7 +177,7 @@ def test_posts_like_robots_are_not_taken_for_them() -> None:
     assert fleet.status("robot7").sight is Sight.LOCKED
 
 
-def test_only_robots_before_it_correct_a_robot() -> None:
+def test_landmarks_are_followers_measured_by_scan() -> None:
     mission = hexagon()
     assert mission.landmarks_of("robot2") == ()
     assert mission.landmarks_of("robot3") == ("robot2",)

@@ -1,4 +1,4 @@
-"""Sensors that lie, stutter or are late, blocked wheels, carried robots: the robot holds and probes."""
+"""Wrong, stuttering or late sensors, blocked wheels, carried robots: the robot holds and probes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from tests.support.missions import with_robots
 from tests.support.sensing import SOURCES, faulty, late, mission_of, noisy, resting, watch
 
 BEGIN = 8.0
-"""A fault begins so long after the start [s]."""
+"""Time at which a fault begins [s]."""
 BOUND = 0.1
-"""So far a robot may drive from 1 s after the fault on [m]."""
+"""Greatest distance that a robot may drive from 1 s after the fault on [m]."""
 
 
-def suffering(name: str, source: str, kind: str, size: float = 0.0, lasts: float = 1e9) -> tuple[Fleet, str]:
+def with_fault(name: str, source: str, kind: str, size: float = 0.0, lasts: float = 1e9) -> tuple[Fleet, str]:
     mission = mission_of(name, source)
     robot = mission.followers[0]
     fleet = faulty(mission, Fault(robot, kind, size, BEGIN, lasts))
@@ -41,8 +41,8 @@ def suffering(name: str, source: str, kind: str, size: float = 0.0, lasts: float
 @pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize(("kind", "size"), [("frozen", 0.0), ("tremble", 1e-3), ("blocked", 0.0)])
-def test_robot_without_seen_motion_stops_and_resumes(source: str, kind: str, size: float) -> None:
-    fleet, robot = suffering("six_robots", source, kind, size, lasts=6.0)
+def test_robot_without_visible_motion_holds_and_resumes(source: str, kind: str, size: float) -> None:
+    fleet, robot = with_fault("six_robots", source, kind, size, lasts=6.0)
     assert fleet.driven(robot, 4.5) < BOUND
     assert fleet.agents[robot].decision.state is AgentState.HOLD
     assert "frozen or robot blocked" in str(fleet.status(robot).reason)
@@ -51,15 +51,15 @@ def test_robot_without_seen_motion_stops_and_resumes(source: str, kind: str, siz
 
 
 @pytest.mark.slow
-def test_probes_stay_bounded_however_long_it_lasts() -> None:
-    fleet, robot = suffering("turtlebot3_pair", "odometry", "tremble", 1e-3)
+def test_probes_stay_bounded_during_long_fault() -> None:
+    fleet, robot = with_fault("turtlebot3_pair", "odometry", "tremble", 1e-3)
     assert fleet.driven(robot, 70.0) < BOUND
     assert fleet.agents[robot].decision.probes
 
 
 @pytest.mark.slow
-def test_hold_and_run_probe_again_at_once() -> None:
-    fleet, robot = suffering("turtlebot3_pair", "odometry", "frozen", lasts=60.0)
+def test_hold_and_run_restart_probing_at_once() -> None:
+    fleet, robot = with_fault("turtlebot3_pair", "odometry", "frozen", lasts=60.0)
     fleet.run(64.0)
     assert fleet.agents[robot].decision.probes
     fleet.ask(fleet.mission.leader, "hold")
@@ -70,15 +70,15 @@ def test_hold_and_run_probe_again_at_once() -> None:
 
 
 @pytest.mark.parametrize("size", [0.0, *slow(-1.0)])
-def test_reported_speeds_that_contradict_positions_hold_the_robot(size: float) -> None:
-    fleet, robot = suffering("six_robots", "odometry", "speeds", size)
+def test_speeds_that_contradict_positions_hold_robot(size: float) -> None:
+    fleet, robot = with_fault("six_robots", "odometry", "speeds", size)
     decision = fleet.agents[robot].decision
     assert (decision.state, decision.reason.code) == (AgentState.HOLD, Code.MOTION_SPEEDS)
     assert "its speeds say " in str(decision.reason)
 
 
 @pytest.mark.slow
-def test_a_carried_robot_holds_until_it_is_put_down() -> None:
+def test_carried_robot_holds_until_put_down() -> None:
     mission = mission_of("six_robots", "external")
     fleet = faulty(mission, Fault("robot2", "carried", 0.8, BEGIN, 3.0))
     fleet.run(BEGIN + 2.0)
@@ -90,7 +90,7 @@ def test_a_carried_robot_holds_until_it_is_put_down() -> None:
 
 
 @pytest.mark.slow
-def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
+def test_frozen_heading_of_spinning_robot_is_detected() -> None:
     mission = mission_of("six_robots", "odometry")
     fleet = Fleet(mission).after(BEGIN)
     agent = fleet.agents["robot2"]
@@ -98,7 +98,7 @@ def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
 
     def freeze(seen: Odometry) -> Odometry:
         held.append(seen)
-        return replace(seen, heading=held[0].heading)  # positions follow, the heading does not
+        return replace(seen, heading=held[0].heading)  # positions change, the heading does not
 
     fleet.meddle = altered(ODOM.key("robot2"), Odometry, freeze)
     fleet.ask(mission.leader, "hold")
@@ -124,17 +124,17 @@ def test_noise_and_delay_cause_no_hold(source: str, *, rests: bool) -> None:
 @pytest.mark.parametrize(
     "text", ["robot2", "robot2:frozen", "robot2:melted@3", "robot2:tremble=x@3", "a:frozen@x"]
 )
-def test_a_fault_that_cannot_be_read_is_named(text: str) -> None:
+def test_invalid_fault_text_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be"):
         read(text)
 
 
-def test_a_fault_is_read() -> None:
+def test_fault_is_read_from_text() -> None:
     assert read("robot2:tremble=1e-3@20+10") == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)
 
 
 @pytest.mark.parametrize("late", [*slow(0.4, 0.6), 1.0])
-def test_late_odometry_with_fresh_stamps_holds_the_robot(late: float) -> None:
+def test_late_odometry_with_fresh_stamps_holds_robot(late: float) -> None:
     fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "restamped", late, 0.0))
     fleet.run(3.0)
     before = fleet.plant("robot3").path
@@ -146,7 +146,7 @@ def test_late_odometry_with_fresh_stamps_holds_the_robot(late: float) -> None:
 
 
 @pytest.mark.slow
-def test_robot_goes_on_when_odometry_is_prompt_again() -> None:
+def test_robot_resumes_when_odometry_is_prompt_again() -> None:
     fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "restamped", 0.4, 0.0, 6.0))
     fleet.run(30.0)
     assert fleet.agents["robot3"].decision.state is AgentState.RUN
@@ -159,7 +159,7 @@ def test_delay_within_limit_with_noise_causes_no_hold() -> None:
     assert watch(faulty(mission, Fault("robot2", "restamped", 0.3, 0.0)), 20.0).holds == {}
 
 
-def test_stuttering_fault_drives_no_further_than_frozen() -> None:
+def test_robot_with_stuttering_odometry_stops_within_bound() -> None:
     fleet: Fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "stutter", 0.35, 8.0))
     fleet.run(9.5)
     assert fleet.driven("robot3", 8.0) < BOUND
@@ -190,7 +190,7 @@ def stuttering(burst: float, gap: float) -> Fleet:
 
 
 @pytest.mark.parametrize(("burst", "gap"), [(0.35, 0.6), *slow((0.2, 0.2))])
-def test_frozen_odometry_in_bursts_holds_the_robot(burst: float, gap: float) -> None:
+def test_frozen_odometry_in_bursts_holds_robot(burst: float, gap: float) -> None:
     fleet = stuttering(burst, gap)
     fleet.run(1.5)
     assert fleet.driven("robot3", 10.0) < BOUND
@@ -204,7 +204,7 @@ def test_interrupted_probes_stay_bounded() -> None:
     assert fleet.agents["robot3"]._probe.state.tries > 2
 
 
-def test_odometry_that_comes_in_bursts_causes_no_doubt() -> None:
+def test_odometry_in_bursts_causes_no_doubt() -> None:
     fleet = Fleet(mission_of("six_robots", "odometry"))
     fleet.meddle = bursts(fleet, "robot3", 0.5, 0.3)
     while fleet.now < BEGIN + 7.0:
@@ -227,7 +227,7 @@ Seen = Callable[[int], Any]
 
 
 class Watched:
-    """A check of one neighbour, and the robot's motion."""
+    """A check of the displacements to one neighbour, and the robot's motion."""
 
     def __init__(self, *, by_odometry: bool = True) -> None:
         self.check = RelativeCheck("robot2", 0.0, by_odometry=by_odometry)
@@ -269,7 +269,7 @@ def test_trembling_displacement_is_doubted_beside_standing_neighbour() -> None:
         (True, None, 400, still, lambda _: None),
         (False, Travel(0.0, 0.02, 0j), 400, still, lambda _: None),
     ],
-    ids=["at rest", "it follows the motion", "unknown motion", "a commanded turn"],
+    ids=["at rest", "displacement follows motion", "unknown motion", "commanded turn"],
 )
 def test_displacement_without_evidence_against_it_is_believed(
     by_odometry: bool, travel: Travel | None, periods: int, seen: Seen, reported: Seen
@@ -278,21 +278,21 @@ def test_displacement_without_evidence_against_it_is_believed(
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, 3.0])
-def test_formation_at_speed_is_no_fault_in_any_frame(angle: float) -> None:
+def test_formation_at_speed_causes_no_doubt_in_any_frame(angle: float) -> None:
     def reported(number: int) -> complex:
         return rotation(angle) * 0.0095 * number
 
     assert not Watched().move(AHEAD, 2000, lambda n: 1.0 + 1e-6 * (n % 2), reported)
 
 
-def test_doubt_ends_with_the_first_other_displacement() -> None:
+def test_doubt_ends_with_first_changed_displacement() -> None:
     watched, rest = Watched(), Travel(0.0, 0.0, 0j)
     assert watched.move(AHEAD, 80, still)
     assert watched.move(rest, 100, still)
     assert not watched.move(rest, 1, lambda _: 0.2 + 0j)
 
 
-def test_order_ends_a_doubt_but_not_at_once() -> None:
+def test_trust_ends_doubt_only_after_one_second() -> None:
     watched = Watched()
     assert watched.move(AHEAD, 80, still)
     watched.check.trust(watched.check.state.since + 0.5)

@@ -1,4 +1,4 @@
-"""The state of an agent, given to another as JSON: the two then behave alike."""
+"""State of an agent, restored into another by JSON: both then behave alike."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ MISSIONS: dict[str, Mission] = {
 }
 
 
-def through_a_file(agent: Agent) -> Any:
+def dumped_by_json(agent: Agent) -> Any:
     return json.loads(json.dumps(dump(agent), allow_nan=False))
 
 
-def like(agent: Agent) -> Agent:
-    """Another with the same mission, robot, law and publisher id, that has learned nothing."""
+def new_agent_like(agent: Agent) -> Agent:
+    """A new agent with the same mission, robot, law and publisher id."""
     return Agent(
         agent.mission,
         agent.robot,
@@ -68,7 +68,7 @@ def like(agent: Agent) -> Agent:
 
 
 class Twins:
-    """An agent, and from some moment on another that was given its memory: they must say the same."""
+    """An agent and, after `double`, a second one with its state: both must send the same."""
 
     def __init__(self, agent: Agent, surroundings: Callable[[], Surroundings]) -> None:
         self.agents = [agent]
@@ -85,8 +85,8 @@ class Twins:
         return first
 
     def double(self) -> None:
-        other = like(self.agents[0])
-        restore(other, through_a_file(self.agents[0]))
+        other = new_agent_like(self.agents[0])
+        restore(other, dumped_by_json(self.agents[0]))
         self.agents = [self.agents[0], other]
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
@@ -116,7 +116,7 @@ ORDERS = st.sampled_from(["stop", "hold", "run", "release"])
 
 
 class World:
-    """A fleet of twins, to which anything may happen."""
+    """A fleet of twins with random events."""
 
     def __init__(self, data: st.DataObject) -> None:
         draw = data.draw
@@ -128,7 +128,7 @@ class World:
             delay=(0.0, draw(st.sampled_from([0.002, 0.1, 0.4]))),
         )
         self.fleet.meddle = self._meddled
-        self.offset, self.deaf = 0j, False
+        self.offset, self.silent = 0j, False
         self.around = Surroundings(True, True, {})
         for name, node in self.fleet.nodes.items():
             if name in self.fleet.agents:
@@ -139,7 +139,7 @@ class World:
         return [node.core for node in self.fleet.nodes.values() if isinstance(node.core, Twins)]
 
     def happen(self, data: st.DataObject) -> None:
-        """One thing that happens, and some time after it."""
+        """Have one random event happen, and let some time pass."""
         what = data.draw(
             st.sampled_from(["nothing", "order", "shape", "jump", "restart", "silence", "link", "leader"])
         )
@@ -159,7 +159,7 @@ class World:
                 fresh.double()
             self.fleet.nodes[name].core = fresh
         elif what == "silence":
-            self.deaf = not self.deaf
+            self.silent = not self.silent
         elif what == "link":
             self.around = Surroundings(data.draw(st.booleans()), data.draw(st.booleans()), {"put x": 3})
         elif what == "leader":
@@ -168,7 +168,7 @@ class World:
 
     def _meddled(self, sample: Sample) -> Iterator[Sample]:
         own = sample.key.endswith((ODOM.name, POSE.name))
-        if own and self.deaf:
+        if own and self.silent:
             return
         if sample.key.endswith(ODOM.name):
             seen = decode(Odometry, sample.payload)
@@ -200,7 +200,7 @@ def test_agent_with_restored_state_sends_identical_bytes(data: st.DataObject) ->
 
 
 def objects(thing: Any, where: str, seen: set[int]) -> Iterator[tuple[str, Any]]:
-    """It and every object of this program that it leads to, with the place; not what is in a state."""
+    """`thing` and every object of this program reachable from it, with its place; not those in states."""
     if id(thing) in seen:
         return
     seen.add(id(thing))
@@ -228,14 +228,14 @@ def is_part(thing: Any) -> bool:
     return ours and not isinstance(thing, (BaseModel, type, tuple, Enum)) and not is_dataclass(thing)
 
 
-def settled(thing: Any) -> Any:
-    """A copy of a value for comparison, in which a part stands for itself."""
+def comparable(thing: Any) -> Any:
+    """A copy of a value for comparison, in which the id of a part stands for it."""
     if isinstance(thing, dict):
-        return {key: settled(one) for key, one in thing.items()}
+        return {key: comparable(one) for key, one in thing.items()}
     if isinstance(thing, (list, tuple, deque)):
-        return [settled(one) for one in thing]
+        return [comparable(one) for one in thing]
     if isinstance(thing, partial):
-        return settled(thing.args)
+        return comparable(thing.args)
     if is_part(thing) or isinstance(thing, MethodType):
         return id(thing)
     return thing if isinstance(thing, (BaseModel, FunctionType, MappingProxyType)) else deepcopy(thing)
@@ -244,15 +244,15 @@ def settled(thing: Any) -> Any:
 def outside_states(agent: Agent) -> dict[str, Any]:
     """Every attribute of an agent and its parts that is in no state, by place."""
     return {
-        f"{where}.{name}": settled(value)
+        f"{where}.{name}": comparable(value)
         for where, one in objects(agent, "agent", set())
         for name, value in vars(one).items()
-        if name not in {"state", "_boxes"}  # a geofence remembers which shapes it has checked
+        if name not in {"state", "_boxes"}  # a geofence stores which shapes it has checked
     }
 
 
 @pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
-def test_only_states_change_in_a_run(mission: Mission) -> None:
+def test_run_changes_only_states_of_agent(mission: Mission) -> None:
     fleet = Fleet(mission)
     fresh = {name: outside_states(agent) for name, agent in fleet.agents.items()}
     fleet.run(2.0)
@@ -266,7 +266,7 @@ def test_only_states_change_in_a_run(mission: Mission) -> None:
 
 
 def states(thing: Any) -> Iterator[Any]:
-    """The states in this one, and itself."""
+    """A state, and all states in it."""
     yield thing
     for one in fields(thing):
         value = getattr(thing, one.name)
@@ -276,7 +276,7 @@ def states(thing: Any) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
-def test_every_state_of_a_part_is_in_the_agents(mission: Mission) -> None:
+def test_agent_state_contains_states_of_all_parts(mission: Mission) -> None:
     agent = Agent(mission, mission.followers[0])
     for saved in (None, dump(agent)):
         if saved is not None:
@@ -296,13 +296,13 @@ class Numbers:
 NUMBERS = Codec(Numbers)
 
 
-def again(numbers: Numbers) -> Numbers:
+def round_trip(numbers: Numbers) -> Numbers:
     return NUMBERS.read(json.dumps(NUMBERS.write(numbers), allow_nan=False).encode())
 
 
 @given(st.floats(), st.complex_numbers())
-def test_every_number_is_restored_to_the_last_bit(real: float, plane: complex) -> None:
-    restored = again(Numbers(real, plane))
+def test_codec_restores_every_number_exactly(real: float, plane: complex) -> None:
+    restored = round_trip(Numbers(real, plane))
     assert (type(restored.real), type(restored.plane)) == (float, complex)
     assert struct.pack("d", restored.real) == struct.pack("d", real) or math.isnan(real)
     parts = [struct.pack("2d", one.real, one.imag) for one in (restored.plane, plane)]
@@ -310,7 +310,7 @@ def test_every_number_is_restored_to_the_last_bit(real: float, plane: complex) -
 
 
 ROBOT3 = Fleet(MISSIONS["six"]).after(3.0).agents["robot3"]
-SAVED = through_a_file(ROBOT3)
+SAVED = dumped_by_json(ROBOT3)
 LEAVES = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}),
     st.just([1.0]), st.just([1.0, 2.0, 3.0]), st.just([1.0, "x"]), st.just({"x": 1}),
@@ -333,13 +333,13 @@ def test_invalid_state_is_refused_and_changes_nothing(data: st.DataObject) -> No
         container.pop(index)
     else:
         container[index] = data.draw(LEAVES)
-    agent = like(ROBOT3)
+    agent = new_agent_like(ROBOT3)
     before, refused = dump(agent), ""
     try:
         restore(agent, saved)
     except BadStateError as bad:
         refused = str(bad)
-    if not refused:  # it was a legal one: an agent that has it can say so
+    if not refused:  # the changed state is valid: an agent with it can dump its state
         json.dumps(dump(agent), allow_nan=False)
     else:
         assert refused.startswith("state")
@@ -350,7 +350,7 @@ def test_invalid_state_is_refused_and_changes_nothing(data: st.DataObject) -> No
 @pytest.mark.parametrize("saved", [None, 1, "x", [], {}, [{}], {"x": 1}])
 def test_values_that_are_no_state_are_refused(saved: Any) -> None:
     with pytest.raises(BadStateError):
-        restore(like(ROBOT3), saved)
+        restore(new_agent_like(ROBOT3), saved)
 
 
 def test_state_of_robot_with_other_neighbours_is_refused() -> None:

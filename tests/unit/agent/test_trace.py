@@ -1,4 +1,4 @@
-"""What rides on the fleet's side of a command: all that the agent went by, and never a reason to fail."""
+"""The trace attached to each command for the fleet: all inputs of the agent; it never blocks a command."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def position(mono: float, count: int, robot: str = "robot1") -> Sample:
 
 
 class Setting:
-    """One agent in its loop."""
+    """One agent in its loop, with a recording."""
 
     def __init__(self, *, readonly: bool = False) -> None:
         self.agent = Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
@@ -62,7 +62,7 @@ class Setting:
         self.loop = Looped(self.agent, self.record)
 
     def turn(self, mono: float, *inbox: Sample) -> Any:
-        """The trace of the command that this step led to; None if it led to none, or has none."""
+        """Run one step; return the trace of its command, None without command or trace."""
         self.record.clear()
         self.loop.step(at(mono), inbox)
         return self.trace()
@@ -72,13 +72,13 @@ class Setting:
 
     @property
     def attachment(self) -> bytes:
-        """Of the newest command; empty if there is none."""
+        """The attachment of the newest command; empty if there is none."""
         return next((sample.attachment or b"" for sample, _ in self.record if sample.key == KEY), b"")
 
 
 @pytest.fixture
 def setting() -> Setting:
-    """After its first command."""
+    """A setting after the first command."""
     setting = Setting()
     setting.turn(1.0)
     return setting
@@ -86,7 +86,7 @@ def setting() -> Setting:
 
 def test_command_trace_carries_all_steps_since_last_command() -> None:
     setting = Setting()
-    assert setting.turn(1.0)["n"] == 1  # at rest, because there is nothing to go by yet
+    assert setting.turn(1.0)["n"] == 1  # at rest, because there is no input yet
     assert setting.turn(1.01, position(1.009, 1)) is None
     assert setting.turn(1.02) is None
     seen = odometry(1.029)
@@ -102,14 +102,14 @@ def test_command_trace_carries_all_steps_since_last_command() -> None:
     }
 
 
-def test_the_first_one_says_what_the_agent_is_and_knows() -> None:
+def test_first_trace_describes_agent_and_its_state() -> None:
     setting = Setting(readonly=True)
     result = setting.turn(1.0)
     assert result["agent"] == {"law": "field", "readonly": True, "mission": SIX.fingerprint, "keys": HELD}
     assert result["state"] == dump(setting.agent)
 
 
-def test_state_is_traced_every_five_seconds_after_command(setting: Setting) -> None:
+def test_state_is_traced_every_state_period(setting: Setting) -> None:
     moment, reported = 1.0, []
     for _ in range(450):
         moment += 0.05
@@ -129,7 +129,7 @@ def test_checksum_ignores_odometry_attachment_but_not_position_attachment() -> N
     assert checksum(position(1.0, 1)) != checksum(position(1.0, 2))
 
 
-def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
+def test_link_to_robot_is_traced_when_it_changes() -> None:
     setting = Setting()
     assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True, False]]]
     assert setting.turn(1.1)["steps"] == [[1.1, 1.7e9 + 1.1, []]]
@@ -162,13 +162,13 @@ def test_too_many_long_requests_become_a_gap(setting: Setting) -> None:
     assert result["state"]["latch"]["rest"]["stop"]
 
 
-def test_the_last_words_carry_a_trace_as_well(setting: Setting) -> None:
+def test_halt_command_carries_a_trace(setting: Setting) -> None:
     setting.record.clear()
     setting.loop.halt(at(1.2), "SIGTERM")
     assert setting.trace() == {"n": 2, "publisher_id": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
 
 
-def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_reaches_robot_before_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting()
     at_the_robot = list[list[str]]()
     original = Trace.attachment
@@ -182,7 +182,7 @@ def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pyt
     assert [KEY in keys for keys in at_the_robot] == [True]
 
 
-def test_flood_becomes_gap_and_next_command_starts_anew(setting: Setting) -> None:
+def test_flood_becomes_gap_and_next_trace_has_steps(setting: Setting) -> None:
     flood = [position(1.1, number) for number in range(MAX_TRACED_INPUTS + 1)]
     result = setting.turn(2.2, *flood)
     assert "steps" not in result
@@ -193,15 +193,15 @@ def test_flood_becomes_gap_and_next_command_starts_anew(setting: Setting) -> Non
 
 def test_endless_flood_traces_state_once_per_second() -> None:
     setting = Setting()
-    remembered = 0
+    traced = 0
     for tick in range(80):
         moment = 1.0 + 0.06 * tick
         flood = [position(moment, number) for number in range(MAX_TRACED_INPUTS + 1)]
-        remembered += "state" in setting.turn(moment, *flood)
-    assert remembered == 5
+        traced += "state" in setting.turn(moment, *flood)
+    assert traced == 5
 
 
-def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
+def test_stored_steps_without_command_are_bounded() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
         one.stepped(at(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
@@ -218,8 +218,8 @@ def test_oversized_message_becomes_gap(setting: Setting) -> None:
     assert "gap" not in setting.turn(1.2)
 
 
-def test_a_recording_can_keep_whatever_rides(setting: Setting) -> None:
-    """On a std_msgs/String, whose text has to be printable and not too long."""
+def test_trace_of_many_requests_fits_into_ros_string(setting: Setting) -> None:
+    """A std_msgs/String has to be printable and of limited length."""
     for _ in range(64):
         setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
@@ -275,7 +275,7 @@ def test_failing_trace_blocks_no_command_and_logs_once(
     assert reported.gap == ""
 
 
-def test_what_is_told_is_read_to_the_last_bit() -> None:
+def test_read_returns_traced_values_exactly() -> None:
     fleet = RecordedFleet(with_robots("turtlebot3_pair", localisation="external")).after(6.0)
     traces = [s.attachment for s, _ in fleet.record if s.key.endswith(CMD_VEL.name) and s.attachment]
     assert len(traces) > 100
@@ -301,7 +301,7 @@ def test_what_is_told_is_read_to_the_last_bit() -> None:
         b'{"n": 1, "publisher_id": "", "state": ' + b"[" * 60_000,
     ],
 )  # fmt: skip
-def test_what_is_no_trace_is_refused_in_one_line(attachment: bytes) -> None:
+def test_invalid_trace_is_refused_in_one_line(attachment: bytes) -> None:
     with pytest.raises(BadTraceError) as refused:
         read(attachment)
     assert "\n" not in str(refused.value)

@@ -1,4 +1,4 @@
-"""Gains that change while robots drive: no lurch, the same for all in the end, verifiable to the last bit."""
+"""Gains that change while robots drive: no command jumps, equal gains in the end, exact verification."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.restarting import driving
-from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.sudden import largest_command_change
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
 MISSIONS = {"six": SIX, "pair": PAIR, "patrol": PATROL}
@@ -31,7 +31,7 @@ GAINS = st.builds(Tuned, k_p=st.floats(0.05, 50.0), k_i=st.one_of(st.just(0.0), 
 PLANE = st.complex_numbers(max_magnitude=5.0)
 AT_PLACE = Measured(0j, 0j, 1)
 JUMP = 0.1
-"""No command may change by a larger share of a limit because gains do."""
+"""Greatest change of a command that new gains may cause [share of a limit]."""
 
 
 def ordered(tuned: Tuned | None) -> Order:
@@ -42,17 +42,17 @@ def in_force(fleet: Fleet) -> set[tuple[float, float]]:
     return {(agent.tuning.state.k_p, agent.tuning.state.k_i) for agent in fleet.agents.values()}
 
 
-def some(k_p: float, k_i: float, law: str = "field") -> Tuning:
+def tuning_with(k_p: float, k_i: float, law: str = "field") -> Tuning:
     one = Tuning(SIX, "robot2", LAWS[law])
     one.state.k_p, one.state.k_i = k_p, k_i
     return one
 
 
 @given(since=GAINS, to=GAINS, dts=st.lists(st.floats(0.0, 0.3), max_size=60), integral=PLANE)
-def test_what_the_integral_commands_stays_while_gains_change(
+def test_integral_part_of_command_stays_while_gains_change(
     since: Tuned, to: Tuned, dts: list[float], integral: complex
 ) -> None:
-    one = some(since.k_p, since.k_i)
+    one = tuning_with(since.k_p, since.k_i)
     for dt in dts:
         before = one.state.k_i * integral
         gains, integral = one.follow(ordered(to), dt, integral, 1.0 + 0.0j, AT_PLACE)
@@ -64,8 +64,8 @@ def test_what_the_integral_commands_stays_while_gains_change(
 
 
 @given(since=GAINS, to=GAINS, dt=st.floats(0.001, 0.5))
-def test_gains_move_no_faster_than_they_may_and_arrive_exactly(since: Tuned, to: Tuned, dt: float) -> None:
-    one, steps = some(since.k_p, since.k_i), 0
+def test_gains_change_at_limited_rate_and_arrive_exactly(since: Tuned, to: Tuned, dt: float) -> None:
+    one, steps = tuning_with(since.k_p, since.k_i), 0
     while (one.state.k_p, one.state.k_i) != (to.k_p, to.k_i):
         before, steps = (one.state.k_p, one.state.k_i), steps + 1
         one.follow(ordered(to), dt, 0j, 1.0 + 0.0j, AT_PLACE)
@@ -81,7 +81,7 @@ def test_gains_move_no_faster_than_they_may_and_arrive_exactly(since: Tuned, to:
 
 @given(to=GAINS, split=st.lists(st.floats(0.001, 0.2), min_size=2, max_size=20))
 def test_gains_depend_on_time_not_on_message_rate(to: Tuned, split: list[float]) -> None:
-    often, once = some(2.0, 1.0), some(2.0, 1.0)
+    often, once = tuning_with(2.0, 1.0), tuning_with(2.0, 1.0)
     for dt in split:
         often.follow(ordered(to), dt, 0j, 1.0 + 0.0j, AT_PLACE)
     once.follow(ordered(to), sum(split), 0j, 1.0 + 0.0j, AT_PLACE)
@@ -96,7 +96,11 @@ def test_gains_depend_on_time_not_on_message_rate(to: Tuned, split: list[float])
 def test_changing_gains_never_makes_command_jump(
     since: Tuned, to: Tuned, dt: float, integral: complex, what: Measured, kind: str
 ) -> None:
-    one, limits, heading = some(since.k_p, since.k_i, kind), SIX.robots["robot2"].limits, cmath.rect(1.0, 0.7)
+    one, limits, heading = (
+        tuning_with(since.k_p, since.k_i, kind),
+        SIX.robots["robot2"].limits,
+        cmath.rect(1.0, 0.7),
+    )
     what, law = what if LAWS[kind].feed_forward else what._replace(velocity=0j), LAWS[kind].step
     before, _ = law(integral, heading, what, one.gains, limits, 0.05)
     gains, rescaled = one.follow(ordered(to), dt, integral, heading, what)
@@ -108,10 +112,10 @@ def test_changing_gains_never_makes_command_jump(
 @pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
-def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) -> None:
-    """Right after the start, on the way, in formation; a little more, much more, and back at once."""
+def test_accepted_gains_cause_no_command_jump(mission: Mission, law: str) -> None:
+    """After the start, on the way and in formation; small and large changes, and back at once."""
     fleet, most = changed(mission, law)
-    if law != "paper":  # the printed law's integral winds up, and gains wait while a command would jump
+    if law != "paper":  # the paper law's integral winds up, and gains wait while a command would jump
         k_p, k_i = mission.under(law).gains
         assert in_force(fleet) == {(float(f"{1.2 * k_p:.6g}"), k_i)}
     print(f"{mission.name}, {law}: {100.0 * most:.1f} % of a limit")
@@ -120,16 +124,16 @@ def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gains", [{"k_p": 6.0, "k_i": 4.0}, {"k_p": 0.5, "k_i": 0.1}, {"k_i": 0.0}])
-def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) -> None:
+def test_new_gains_in_formation_cause_no_command_jump(gains: dict[str, float]) -> None:
     fleet = Fleet.under_way(SIX, 20.0, seed=1)
     assert fleet.error() < 0.05
     assert tune(fleet, **gains).ok
     fleet.run(5.0)
-    assert most_sudden(fleet, 20.0) < JUMP
+    assert largest_command_change(fleet, 20.0) < JUMP
     assert fleet.error() < 0.05
 
 
-def test_new_and_disconnected_agents_reach_same_gains() -> None:
+def test_restarted_agent_reaches_same_gains() -> None:
     fleet = Fleet.under_way(SIX, 3.0, seed=2, loss=0.1)
     fleet.kill("robot4")
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
@@ -144,7 +148,7 @@ def test_new_and_disconnected_agents_reach_same_gains() -> None:
     assert fleet.status("robot4").k_p is None
 
 
-def test_gains_survive_the_leader_that_ordered_them() -> None:
+def test_gains_stay_in_force_after_takeover() -> None:
     fleet = Fleet(PATROL, seed=2).after(3.0)
     assert tune(fleet, k_p=3.0).ok
     fleet.run(0.3)
@@ -171,7 +175,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
 
 
 @pytest.mark.parametrize("law", ["field", *slow("paper", "proportional")])
-def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) -> None:
+def test_recording_with_gain_changes_verifies_exactly(law: str) -> None:
     fleet = RecordedFleet.under_way(SIX, 2.0, law=law, loss=0.1)
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(0.5)
@@ -179,7 +183,7 @@ def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) ->
     fleet.run(4.5)
     assert {k_i for _, k_i in in_force(fleet)} == {0.5}
     assert all_alike(verify(SIX, fleet.record))
-    late = [one for one in fleet.record if one[1] > EPOCH + 2.2]  # from a memory on that was made on the way
+    late = [one for one in fleet.record if one[1] > EPOCH + 2.2]  # starts with a state traced on the way
     later = verify(SIX, late)
     assert all(one.exact == one.compared > 0 for one in later.values())
 
@@ -187,7 +191,7 @@ def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) ->
 @pytest.mark.parametrize(
     "gains", [Tuned(k_p=60.0, k_i=1.0), Tuned(k_p=2.0, k_i=50.0), Tuned(k_p=1000.0, k_i=1000.0)]
 )
-def test_forged_gains_that_no_robot_can_bear_are_no_order(gains: Tuned) -> None:
+def test_order_with_unbearable_gains_is_refused(gains: Tuned) -> None:
     orders = Orders(SIX.under("paper"))
     forged = Order(term=1, beat=1, mode="run", shape="hexagon", tuned=gains)
     with pytest.raises(BadMessage, match="unbearable gains"):
@@ -198,7 +202,7 @@ def test_forged_gains_that_no_robot_can_bear_are_no_order(gains: Tuned) -> None:
 @pytest.mark.parametrize(
     "result", ['{"k_p":-1.0,"k_i":1.0}', '{"k_p":1e9,"k_i":1.0}', '{"k_p":0.0,"k_i":1.0}']
 )
-def test_forged_gains_that_are_none_are_not_read(result: str) -> None:
+def test_order_with_invalid_gains_is_not_decoded(result: str) -> None:
     whole = f'{{"term":1,"beat":1,"mode":"run","shape":"hexagon","tuned":{result}}}'
     with pytest.raises(BadMessage, match=r"Order: tuned\.k_p"):
         decode(Order, whole.encode())

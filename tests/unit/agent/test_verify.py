@@ -1,4 +1,4 @@
-"""A recorded run lived through again: the same commands to the last bit, or the first that differs, named."""
+"""Verification of recorded runs: each command is computed exactly, or the first difference is named."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COMMAND = CMD_VEL.key("robot3")
 
 @cache
 def recording() -> Recording:
-    """Of six robots in their first 6 s."""
+    """A recording of six robots in their first 6 s."""
     return RecordedFleet(SIX).after(6.0).record
 
 
@@ -53,7 +53,7 @@ def without(record: Recording, *gone: Callable[[Sample, float], bool]) -> Record
 
 
 def nth(number: int) -> int:
-    """Where a command of robot3 is in the recording."""
+    """The index of a command of robot3 in the recording."""
     return [index for index, (sample, _) in enumerate(recording()) if sample.key == COMMAND][number]
 
 
@@ -93,7 +93,7 @@ def test_every_subscription_of_agent_is_recorded_and_retained() -> None:
         assert all(core._may_be_received(key) for key in received)
 
 
-GAINS = {
+CHANGES = {
     "gain": ("[law]", "[law]\ngain = 8.000001"),
     "velocity filter": ("[law]", "[law]\nvelocity_filter = 0.0401"),
     "noise": ("[collisions]", "[collisions]\nnoise = 0.00201"),
@@ -105,8 +105,8 @@ GAINS = {
 }
 
 
-@pytest.mark.parametrize(("old", "new"), GAINS.values(), ids=GAINS)
-def test_with_one_number_changed_the_first_command_that_differs_is_named(old: str, new: str) -> None:
+@pytest.mark.parametrize(("old", "new"), CHANGES.values(), ids=CHANGES)
+def test_first_differing_command_is_named_after_mission_change(old: str, new: str) -> None:
     end = recording()[0][1] + 2.5
     verdicts = verify(changed(old, new), without(recording(), lambda _, wall: wall >= end))
     firsts = [one.first for one in verdicts.values() if one.first is not None]
@@ -120,7 +120,7 @@ def test_with_one_number_changed_the_first_command_that_differs_is_named(old: st
     assert first.inputs[-1].key.endswith(ODOM.name)
     assert "formation control" in first.decision
     for one in verdicts.values():
-        assert one.compared == one.commands  # a difference is no reason to stop comparing
+        assert one.compared == one.commands  # comparison continues after a difference
         assert one.exact < one.compared or one.first is None
 
 
@@ -130,9 +130,7 @@ def test_with_one_number_changed_the_first_command_that_differs_is_named(old: st
     [(encode(Twist(0.1, 0.2)), (0.1, 0.2)), (b"\0\1\0\0 rubbish", None)],
     ids=["altered", "no command"],
 )
-def test_a_command_altered_in_the_recording_is_found(
-    payload: bytes, recorded: tuple[float, float] | None
-) -> None:
+def test_altered_command_in_recording_is_found(payload: bytes, recorded: tuple[float, float] | None) -> None:
     at = nth(50)
     forged = list(recording())
     forged[at] = (recording()[at][0]._replace(payload=payload), recording()[at][1])
@@ -142,7 +140,7 @@ def test_a_command_altered_in_the_recording_is_found(
     assert (one.first.recorded and one.first.recorded[:2]) == recorded
 
 
-def test_late_recording_is_judged_from_first_state() -> None:
+def test_recording_without_beginning_is_judged_from_first_state() -> None:
     start = recording()[0][1]
     verdicts = verify(SIX, without(recording(), lambda _, wall: wall <= start + 2.0))
     for one in verdicts.values():
@@ -153,7 +151,7 @@ def test_late_recording_is_judged_from_first_state() -> None:
         assert stretch.until - start < 5.2
 
 
-def test_missing_neighbour_message_is_named_until_next_state() -> None:
+def test_commands_after_missing_message_are_unjudged_until_next_state() -> None:
     one = verify(SIX, without(recording(), between(POSITION.key("robot1"), 2.0, 2.01 + 0.05)))["robot3"]
     (stretch,) = one.unjudged
     assert "robot1/position" in stretch.reason
@@ -162,14 +160,14 @@ def test_missing_neighbour_message_is_named_until_next_state() -> None:
     assert 4.9 < stretch.until - recording()[0][1] < 5.3
 
 
-def test_commands_that_are_missing_are_counted() -> None:
+def test_missing_commands_are_counted() -> None:
     one = verify(SIX, without(recording(), between(COMMAND, 2.0, 2.21)))["robot3"]
     (stretch,) = one.unjudged
     assert stretch.reason in {f"{number} commands before it missing in the recording" for number in (4, 5)}
     assert one.compared == one.exact == one.commands - stretch.commands
 
 
-def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
+def test_only_repeated_command_is_left_unjudged() -> None:
     at = nth(50)
     one = verify(SIX, [*recording()[: at + 1], recording()[at], *recording()[at + 1 :]])["robot3"]
     assert [(stretch.commands, stretch.reason) for stretch in one.unjudged] == [(1, "comes a second time")]
@@ -177,8 +175,8 @@ def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("late", [0.0, 0.5 * MAX_INPUT_DELAY])
-def test_the_order_in_which_a_monitor_heard_messages_does_not_matter(late: float) -> None:
-    """Each key by itself is in order; between keys there are links of different speed."""
+def test_recorded_order_between_keys_does_not_matter(late: float) -> None:
+    """Each key by itself is in order; keys differ in their delay."""
     slow = [
         (sample, wall + (late if sample.key.endswith(POSITION.name) else 0.0)) for sample, wall in recording()
     ]
@@ -186,7 +184,7 @@ def test_the_order_in_which_a_monitor_heard_messages_does_not_matter(late: float
 
 
 @pytest.mark.slow
-def test_clock_change_of_recorder_does_not_matter() -> None:
+def test_clock_step_of_recorder_does_not_matter() -> None:
     middle = len(recording()) // 2
     for leap in (3600.0, -3600.0):
         leapt = [*recording()[:middle], *((sample, wall + leap) for sample, wall in recording()[middle:])]
@@ -196,7 +194,7 @@ def test_clock_change_of_recorder_does_not_matter() -> None:
 @pytest.mark.slow
 @settings(max_examples=25)
 @given(data=st.data())
-def test_whatever_is_missing_no_difference_is_ever_made_up(data: st.DataObject) -> None:
+def test_lossy_recording_shows_no_false_difference(data: st.DataObject) -> None:
     share, seed = data.draw(st.sampled_from([0.001, 0.05, 0.5])), data.draw(st.integers(0, 2**32 - 1))
     gone = np.random.default_rng(seed).random(len(recording())) < share
     first = data.draw(st.integers(0, len(recording()) - 1))
@@ -210,7 +208,7 @@ def test_whatever_is_missing_no_difference_is_ever_made_up(data: st.DataObject) 
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.DataObject) -> None:
+def test_tampered_trace_never_ends_verification(data: st.DataObject) -> None:
     rubbish: Any = data.draw(
         st.sampled_from([None, True, -1, 1e300, "x", [], {}, [[1.0, 2.0, [[9, 9, 9.0]]]]])
     )
@@ -228,7 +226,7 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
     assert one.commands == sum(sample.key == COMMAND for sample, _ in recording())
 
 
-def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_agent_counts_as_one_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     count = itertools.count()
     act = Agent.act
 
@@ -247,7 +245,7 @@ def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest
     assert one.exact > 50
 
 
-def test_a_mission_that_lacks_a_neighbour_is_no_reason_to_fail() -> None:
+def test_mission_without_recorded_neighbour_gives_a_difference() -> None:
     fewer = changed('neighbours = ["robot1", "robot2"]', 'neighbours = ["robot2"]')
     verdicts = verify(fewer, recording())
     assert verdicts["robot3"].first is not None
@@ -267,7 +265,7 @@ def test_verification_retains_only_a_few_seconds() -> None:
     assert not verification._awaited or max(map(len, verification._awaited.values())) < 10
 
 
-def test_so_many_stretches_are_told_one_by_one_and_no_more() -> None:
+def test_number_of_listed_stretches_is_limited() -> None:
     verdict = Verdict("robot3")
     for number in range(3 * MOST_STRETCHES):
         verdict.passed_over(float(number), f"reason {number}")
@@ -276,7 +274,7 @@ def test_so_many_stretches_are_told_one_by_one_and_no_more() -> None:
     assert verdict.unjudged[-1].reason == "several reasons"
 
 
-def test_new_agent_with_missing_beginning_is_distinguished() -> None:
+def test_unrecorded_start_of_new_agent_is_given_as_reason() -> None:
     fleet = RecordedFleet.under_way(SIX, 2.0)
     fleet.restart("robot3")
     cut = len(fleet.record)
@@ -287,7 +285,7 @@ def test_new_agent_with_missing_beginning_is_distinguished() -> None:
     assert ["another agent publishes" in stretch.reason for stretch in one.unjudged] == [True]
 
 
-def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
+def test_two_agents_of_one_robot_are_both_judged() -> None:
     fleet = RecordedFleet.under_way(SIX, 2.0)
     other = Looped(fleet.new_agent("robot3"), fleet.record)
     step = fleet.loop("robot3").step
@@ -326,7 +324,7 @@ def test_requests_link_outage_new_agent_and_halt_are_reproduced() -> None:
 
 
 @pytest.mark.parametrize("mission", [SIX, with_robots("turtlebot3_pair", localisation="external")])
-def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> None:
+def test_readonly_agent_is_verified(mission: Mission) -> None:
     fleet = RecordedFleet(mission)
     name = mission.followers[0]
     agent = Agent(mission, name, readonly=True, publisher_id="looks")
@@ -340,14 +338,14 @@ TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"]})
 
 @dataclass
 class SignedRecordedFleet(RecordedFleet, SignedFleet):
-    """All its processes have certificates."""
+    """A recorded fleet whose processes all have certificates."""
 
     def passed(self, sample: Sample) -> None:
         self.record.append((sample, EPOCH + self.now))
 
 
 def unsigned(sender: str, attachment: PositionAttachment) -> PositionAttachment:
-    """r0 relays everything without its signature, and from then on forges its mode."""
+    """Have r0 relay forged stop orders without signature."""
     if sender != "r0" or attachment.order is None:
         return attachment
     what = attachment.order.model_copy(update={"mode": "stop"})
@@ -355,7 +353,7 @@ def unsigned(sender: str, attachment: PositionAttachment) -> PositionAttachment:
 
 
 def test_signed_run_and_refused_orders_are_reproduced_without_keys() -> None:
-    """r2 hears nothing but refused orders in the end, so it holds; its replica must do the same."""
+    """In the end r2 receives only refused orders and holds; its replica must do the same."""
     fleet = SignedRecordedFleet(TEAM, loss=0.1)
     fleet.run(4.0)
     assert any(b"certificate" in (sample.attachment or b"") for sample, _ in fleet.record)

@@ -1,4 +1,4 @@
-"""The watchdog's table, on a fake clock: who is stopped, when, and who is left alone."""
+"""The watchdog's table on a fake clock: when it stops the robot, and when it does not."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.support.fleet import EPOCH, at
 SIX = load("six_robots")
 PERIOD, LIMIT = 0.05, 0.15
 CDR = b"\x00\x01\x00\x00"
-"""How every message begins."""
+"""The header of every encoded message."""
 ALIVE_2, CMD_2 = ALIVE.key("robot2"), CMD_VEL.key("robot2")
 
 
@@ -46,19 +46,19 @@ def watching(moment: float = 0.0) -> Watchdog:
     return watchdog
 
 
-def lived(watchdog: Watchdog, start: float, end: float, signs: Iterable[Sample] = ()) -> list[float]:
-    """Step as the loop would, from `start` to `end`; the moments at which zero was said."""
+def run_loop(watchdog: Watchdog, start: float, end: float, signs: Iterable[Sample] = ()) -> list[float]:
+    """Step as the loop would from `start` to `end`; return the moments at which zero was sent."""
     result, moment, waiting = [], start, sorted(signs, key=lambda sample: sample.arrived)
     for _ in range(100_000):
         inbox = [sample for sample in waiting if sample.arrived <= moment]
         waiting = waiting[len(inbox) :]
         result += [moment for out in watchdog.step(at(moment), inbox) if is_zero(out)]
         following = min([watchdog.due, *(sample.arrived for sample in waiting[:1])])
-        assert following > moment, "it wants to be stepped again and again"
+        assert following > moment, "due must be later than the last step"
         moment = following
         if moment > end:
             return result
-    raise AssertionError("it never sleeps")
+    raise AssertionError("too many steps")
 
 
 def is_zero(out: Outgoing) -> bool:
@@ -68,7 +68,7 @@ def is_zero(out: Outgoing) -> bool:
 
 
 def steady(start: float, end: float) -> list[Sample]:
-    """An agent that lives from `start` to `end`, both included."""
+    """Signs of life in each period from `start` to `end`, both included."""
     return [sign(start + i * PERIOD, i * PERIOD) for i in range(round((end - start) / PERIOD) + 1)]
 
 
@@ -80,14 +80,14 @@ def stepped(watchdog: Watchdog, moment: float, value: float | None = None) -> Wa
 
 def parked() -> Watchdog:
     watchdog = connected()
-    lived(watchdog, 0.0, 9.0)
+    run_loop(watchdog, 0.0, 9.0)
     assert watchdog.state is WatchdogState.DISARMED
     return watchdog
 
 
-def test_silent_agent_is_answered_with_zero_each_period_then_slowly_forever() -> None:
+def test_watchdog_sends_zero_fast_then_slowly_during_silence() -> None:
     watchdog = watching()
-    result = lived(watchdog, 0.0, 3600.0)
+    result = run_loop(watchdog, 0.0, 3600.0)
     assert result[0] == pytest.approx(LIMIT)
     fast = [moment for moment in result if moment < LIMIT + BRAKING_TIME]
     slow = [moment for moment in result if moment > LIMIT + BRAKING_TIME + SLOW_PERIOD]
@@ -98,26 +98,26 @@ def test_silent_agent_is_answered_with_zero_each_period_then_slowly_forever() ->
     assert watchdog.state is WatchdogState.BRAKING
 
 
-def test_lost_and_late_signs_keep_healthy_agent_running() -> None:
+def test_lost_and_late_signs_of_life_cause_no_zero() -> None:
     signs = [
         sample._replace(arrived=sample.arrived + 0.04 * (i % 4 == 0))
         for i, sample in enumerate(steady(0.0, 10.0))
         if i % 2 == 0
     ]
-    assert lived(watching(), 0.0, 9.9, signs) == []
+    assert run_loop(watching(), 0.0, 9.9, signs) == []
 
 
-def test_an_agent_that_comes_back_is_left_to_drive_at_once() -> None:
+def test_watchdog_stops_sending_zero_when_agent_returns() -> None:
     watchdog = watching()
-    assert lived(watchdog, 0.0, 2.0)
-    assert lived(watchdog, 2.0, 10.0, steady(2.0, 10.0)) == []
+    assert run_loop(watchdog, 0.0, 2.0)
+    assert run_loop(watchdog, 2.0, 10.0, steady(2.0, 10.0)) == []
     assert watchdog.state is WatchdogState.WATCHING
-    assert lived(watchdog, 10.0, 10.5)[0] == pytest.approx(10.0 + LIMIT)
+    assert run_loop(watchdog, 10.0, 10.5)[0] == pytest.approx(10.0 + LIMIT)
 
 
 def test_robot_is_parked_and_watchdog_disarmed_after_farewell() -> None:
     watchdog = watching()
-    result = lived(watchdog, 0.1, 3600.0, [sign(0.1, 0.1), sign(0.12, FAREWELL)])
+    result = run_loop(watchdog, 0.1, 3600.0, [sign(0.1, 0.1), sign(0.12, FAREWELL)])
     assert result[0] == pytest.approx(0.12)
     assert result[-1] == pytest.approx(0.12 + PARKING_TIME, abs=PERIOD + 1e-6)
     assert len(result) == round(PARKING_TIME / PERIOD)
@@ -127,14 +127,14 @@ def test_robot_is_parked_and_watchdog_disarmed_after_farewell() -> None:
 
 def test_agent_starting_during_parking_drives_at_once() -> None:
     watchdog = watching()
-    result = lived(watchdog, 0.1, 2.0, [sign(0.1, FAREWELL), *steady(0.3, 2.0)])
+    result = run_loop(watchdog, 0.1, 2.0, [sign(0.1, FAREWELL), *steady(0.3, 2.0)])
     assert max(result) < 0.3
     assert watchdog.state is WatchdogState.WATCHING
 
 
 def test_watchdog_without_agent_parks_robot_and_disarms() -> None:
     watchdog = connected()
-    result = lived(watchdog, 0.0, 3600.0)
+    result = run_loop(watchdog, 0.0, 3600.0)
     assert result[0] == pytest.approx(LIMIT)
     assert result[-1] < LIMIT + PARKING_TIME
     assert watchdog.state is WatchdogState.DISARMED
@@ -143,7 +143,7 @@ def test_watchdog_without_agent_parks_robot_and_disarms() -> None:
 @pytest.mark.parametrize("phase", [0.0, 0.02, 0.049])
 def test_watchdog_beside_healthy_agent_does_not_brake(phase: float) -> None:
     watchdog = connected()
-    assert lived(watchdog, 0.0, 60.0, steady(phase, 60.0)) == []
+    assert run_loop(watchdog, 0.0, 60.0, steady(phase, 60.0)) == []
     assert watchdog.state is WatchdogState.WATCHING
 
 
@@ -153,23 +153,23 @@ def test_time_without_router_does_not_count_as_silence() -> None:
         watchdog.aware(connected=False, now=at(moment))
         assert watchdog.step(at(moment), []) == []
     watchdog.aware(connected=True, now=at(100.0))
-    assert lived(watchdog, 100.0, 100.1, [sign(100.1)]) == []
+    assert run_loop(watchdog, 100.0, 100.1, [sign(100.1)]) == []
     assert watchdog.state is WatchdogState.WATCHING
 
 
-def test_a_watchdog_that_finds_its_router_again_begins_anew() -> None:
+def test_disarmed_watchdog_sends_zero_after_reconnection() -> None:
     watchdog = parked()
     watchdog.aware(connected=False, now=at(10.0))
     watchdog.aware(connected=True, now=at(11.0))
-    assert lived(watchdog, 11.0, 20.0)[0] == pytest.approx(11.0 + LIMIT)
+    assert run_loop(watchdog, 11.0, 20.0)[0] == pytest.approx(11.0 + LIMIT)
 
 
 def test_reconnected_watchdog_brakes_at_full_rate_again() -> None:
     watchdog = watching()
-    lived(watchdog, 0.0, 20.0)
+    run_loop(watchdog, 0.0, 20.0)
     watchdog.aware(connected=False, now=at(20.0))
     watchdog.aware(connected=True, now=at(20.3))
-    result = lived(watchdog, 20.3, 21.0)
+    result = run_loop(watchdog, 20.3, 21.0)
     assert result[0] == 20.3
     assert len(result) >= 13
 
@@ -178,24 +178,24 @@ def test_reconnection_is_no_sign_of_life() -> None:
     watchdog = watching()
     watchdog.aware(connected=False, now=at(0.05))
     watchdog.aware(connected=True, now=at(0.12))
-    assert lived(watchdog, 0.12, 1.0)[0] == pytest.approx(LIMIT)
+    assert run_loop(watchdog, 0.12, 1.0)[0] == pytest.approx(LIMIT)
 
 
 @pytest.mark.parametrize(
-    ("watchdog", "words"),
+    ("watchdog", "zeros"),
     [
-        pytest.param(lambda: watching(10.0), 0, id="a healthy agent"),
-        pytest.param(lambda: watching(9.8), 1, id="an agent just fallen silent"),
+        pytest.param(lambda: watching(10.0), 0, id="healthy agent"),
+        pytest.param(lambda: watching(9.8), 1, id="agent just silent"),
         pytest.param(lambda: stepped(watching(5.0), 6.0), 1, id="braking"),
         pytest.param(lambda: stepped(watching(9.9), 9.95, FAREWELL), 1, id="parking"),
-        pytest.param(lambda: connected(moment=9.9), 1, id="not knowing"),
-        pytest.param(parked, 0, id="a robot driven by hand"),
+        pytest.param(lambda: connected(moment=9.9), 1, id="before any sign"),
+        pytest.param(parked, 0, id="disarmed"),
     ],
 )
-def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object, words: int) -> None:
+def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object, zeros: int) -> None:
     assert callable(watchdog)
     result = watchdog().halt(at(10.05), "SIGTERM")
-    assert len(result) == words
+    assert len(result) == zeros
     assert all(map(is_zero, result))
 
 
@@ -207,10 +207,10 @@ def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object,
         (ALIVE.key("robot3"), encode(Number(1.0)), "elsewhere"),
     ],
 )
-def test_signs_of_life_that_are_none_do_not_prevent_braking(key: str, payload: bytes, where: str) -> None:
+def test_invalid_signs_of_life_do_not_prevent_braking(key: str, payload: bytes, where: str) -> None:
     watchdog = watching()
     noise = [Sample(key, payload, None, 0.02 + i * PERIOD) for i in range(20)]
-    assert lived(watchdog, 0.0, 0.9, noise)[0] == pytest.approx(LIMIT)
+    assert run_loop(watchdog, 0.0, 0.9, noise)[0] == pytest.approx(LIMIT)
     assert watchdog.dropped == {where: 18}
 
 
@@ -222,7 +222,7 @@ def test_queued_signs_of_life_count_from_their_arrival() -> None:
     assert len(watchdog.step(at(1.0), steady(0.05, 0.8))) == 1
 
 
-def test_watchdog_subscribes_to_life_and_publishes_commands_only() -> None:
+def test_watchdog_subscribes_to_alive_and_publishes_only_cmd_vel() -> None:
     for name, kind in (("six_robots", "twist"), ("turtlebot3_pair", "twist_stamped")):
         mission = load(name)
         robot = mission.followers[0]
@@ -236,13 +236,13 @@ def test_watchdog_subscribes_to_life_and_publishes_commands_only() -> None:
         assert out.payload == encode(stamped if kind == "twist_stamped" else Twist(0.0, 0.0))
 
 
-def test_a_robot_without_an_agent_is_refused_by_name() -> None:
+def test_watchdog_refuses_leader_and_unknown_robot() -> None:
     for name in ("robot1", "robot9"):
         with pytest.raises(ValueError, match=re.escape(f"robot '{name}': must be a follower of six-robots:")):
             Watchdog(SIX, name)
 
 
-def test_every_state_handles_life_and_farewell_and_only_parking_disarms() -> None:
+def test_every_state_handles_alive_and_only_parking_disarms() -> None:
     for state in WatchdogState:
         assert TABLE[state, Event.ALIVE] is WatchdogState.WATCHING
         assert TABLE[state, Event.FAREWELL] is WatchdogState.PARKING
@@ -253,28 +253,28 @@ def test_every_state_handles_life_and_farewell_and_only_parking_disarms() -> Non
 
 
 def frozen() -> Watchdog:
-    """Its agent lived for 5 s, and then the watchdog was frozen."""
+    """A watchdog whose agent has lived for 5 s; it is to be frozen now."""
     watchdog = connected()
-    lived(watchdog, 0.0, 4.99, steady(0.0, 4.95))
+    run_loop(watchdog, 0.0, 4.99, steady(0.0, 4.95))
     return watchdog
 
 
-def waited(end: float) -> list[Sample]:
-    """Signs of life from 5 s to `end`, all read when the watchdog thaws."""
+def queued_signs(end: float) -> list[Sample]:
+    """Signs of life from 5 s to `end`, all read at 15 s, when the watchdog thaws."""
     return [sign(15.0, 5.0 + i * PERIOD) for i in range(round((end - 5.0) / PERIOD) + 1)]
 
 
-def test_thawed_watchdog_does_not_believe_signs_that_waited() -> None:
-    watchdog, signs = frozen(), waited(5.95)  # the agent died then
+def test_thawed_watchdog_does_not_trust_queued_signs() -> None:
+    watchdog, signs = frozen(), queued_signs(5.95)  # when the agent died
     assert watchdog.step(at(15.0), signs[:10]) == []
     assert watchdog.state.value == "listening"
     assert len(watchdog.step(at(15.16), signs[10:])) == 1
     assert watchdog.state.value == "parking"
 
 
-def test_thawed_watchdog_leaves_a_healthy_agent_alone() -> None:
+def test_thawed_watchdog_sends_no_zero_beside_healthy_agent() -> None:
     watchdog = frozen()
-    assert watchdog.step(at(15.0), waited(6.95)) == []
+    assert watchdog.step(at(15.0), queued_signs(6.95)) == []
     assert watchdog.step(at(15.03), [sign(15.03, 15.02)]) == []
     assert watchdog.state is WatchdogState.WATCHING
 
@@ -282,9 +282,9 @@ def test_thawed_watchdog_leaves_a_healthy_agent_alone() -> None:
 def stopped_after(
     rate: float, kind: Literal["twist", "twist_stamped"], death: float, delays: Sequence[float]
 ) -> float:
-    """An agent drives a simulated robot and dies at `death` [s]; how much later the wheels stood [s].
+    """Time from the death of an agent at `death` [s] until the wheels of its simulated robot stand [s].
 
-    Each message of the agent takes one of `delays` [s]; so do the watchdog's.
+    Each message of the agent and the watchdog takes one of `delays` [s].
     """
     spec = SIX.robots["robot2"].model_copy(update={"rate": rate, "cmd_vel": kind})
     mission = SIX.model_copy(update={"robots": {**SIX.robots, "robot2": spec}})
@@ -298,7 +298,7 @@ def stopped_after(
         events.append((arrives, watchdog, sign(arrives, sent)))
     moment, plant = 0.0, world.plant("robot2")
     while moment <= death or plant.moving.speed or plant.moving.turn_rate:
-        assert moment < death + 2.0, "it drives on"
+        assert moment < death + 2.0, "the robot drives on"
         events.sort(key=lambda event: event[0])
         moment = max(0.0, min([watchdog.due, world.due, *(event[0] for event in events[:1])]))
         arrived = [event for event in events if event[0] <= moment]

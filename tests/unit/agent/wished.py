@@ -1,4 +1,4 @@
-"""What the control pipeline makes of wanted commands, for a robot with nothing around it."""
+"""Constraints of the control pipeline on wanted commands, for a robot with nothing around it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from formation.mission.model import Mission
 NOTHING = Measured(0j, 0j, 1)
 
 
-class Wishes:
-    """The stages after the law, with the state that they keep."""
+class ConstrainedCommands:
+    """The stages after the law, with their state."""
 
     def __init__(self, mission: Mission, robot: str) -> None:
         self._params, self._state = mission.control(robot, LAWS["field"]), ControlState()
@@ -20,7 +20,7 @@ class Wishes:
         """The newest command."""
 
     def put(self, moment: float, wanted: Command) -> Command:
-        """The command at `moment` [s] for what is wanted."""
+        """Return the command at `moment` [s] for the wanted one."""
         inputs = Inputs(moment, 0.0, 1.0 + 0.0j, NOTHING, Gains(1.0, 0.0))
         self._state, outcome = constrained(self._state, wanted, inputs, (), self._params)
         self.newest = outcome.command

@@ -1,4 +1,4 @@
-"""No law and no driving beats the bound, and where it can be told by hand it is that."""
+"""The lower bound of the settling time: nothing beats it, and it equals values computed by hand."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def start(heading: complex) -> Starts:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("contender", [FIELD, STIFF], ids=lambda one: one.name)
-def test_no_law_settles_before_the_bound(contender: Contender) -> None:
+def test_laws_settle_no_earlier_than_the_bound(contender: Contender) -> None:
     mission = control_trials.six_robots()
     starts = control_trials.drawn(mission, 30, SEED)
     settled = contender.drive(mission, 30, 60.0).settling_time
@@ -44,26 +44,26 @@ def test_no_law_settles_before_the_bound(contender: Contender) -> None:
     assert (settled >= lower_bound.by_body(mission, starts)).all()
 
 
-def test_facing_robot_needs_distance_at_top_speed() -> None:
+def test_bound_of_facing_robot_is_distance_at_top_speed() -> None:
     soonest = lower_bound.by_body(behind_a_leader_at_rest(FAR), start(1.0 + 0.0j))
     exact = (FAR - OFFSET - SETTLED) / TOP
     assert exact - ROUND <= soonest[0] <= exact
 
 
-def test_sideways_robot_turns_but_may_drive_meanwhile() -> None:
+def test_bound_of_sideways_robot_includes_turning_while_driving() -> None:
     soonest = lower_bound.by_body(behind_a_leader_at_rest(FAR), start(1j))
     on_the_spot = math.pi / 2.0 / TURN + (FAR - OFFSET - SETTLED) / TOP
-    gained_meanwhile = 1.0 / TURN  # [s]; driving sideways as well, which has to be made up for
+    gained_meanwhile = 1.0 / TURN  # [s]; at most gained by driving while it turns
     assert on_the_spot - gained_meanwhile - ROUND <= soonest[0] < on_the_spot
 
 
-def test_distance_alone_asks_for_the_top_speed_of_the_control_point() -> None:
+def test_bound_by_distance_uses_top_speed_of_control_point() -> None:
     soonest = lower_bound.by_distance(behind_a_leader_at_rest(FAR), start(1j))
     exact = (abs(FAR - OFFSET * 1j) - SETTLED) / math.hypot(TOP, OFFSET * TURN)
     assert exact - 0.02 <= soonest[0] <= exact
 
 
-def test_wherever_a_robot_can_drive_to_the_bound_lets_it_be() -> None:
+def test_bound_by_body_never_exceeds_time_of_a_drive() -> None:
     rng = np.random.default_rng(7)
     for _ in range(20):
         heading = cmath.exp(1j * rng.uniform(-math.pi, math.pi))

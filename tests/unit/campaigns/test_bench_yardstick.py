@@ -1,4 +1,4 @@
-"""The yardstick: its laws step by step, its figures from errors made by hand, its page. No simulation."""
+"""The yardstick: its laws step by step, figures of given errors, and its page. No simulation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_figures_of_a_run_are_as_defined() -> None:
     assert 0.01 < one["rms"] < 0.011
 
 
-def test_a_run_that_never_stays_has_no_settling_time() -> None:
+def test_run_that_never_stays_settled_has_no_settling_time() -> None:
     swinging = errors(100)
     swinging[::200] = 2.0 * SETTLED
     one = figures(swinging, swinging)
@@ -71,7 +71,7 @@ def test_a_run_that_never_stays_has_no_settling_time() -> None:
     assert words(one).count("–") == 1
 
 
-def test_every_scenario_has_a_route_to_its_end() -> None:
+def test_route_of_every_scenario_lasts_to_its_horizon() -> None:
     for one in SCENARIOS.values():
         mission = one.build()
         durations = [getattr(leg, "duration", None) for leg in mission.route]

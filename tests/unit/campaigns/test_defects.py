@@ -24,7 +24,7 @@ def test_defect_fits_source_once_and_parses(defect: Defect) -> None:
     assert set(defect.first) <= set(GROUPS)
 
 
-def test_names_are_distinct_and_at_most_hundred() -> None:
+def test_defect_names_are_distinct_and_at_most_100() -> None:
     assert len(DEFECTS) == len(EVERY) <= 100
     assert set(REASONS) <= set(DEFECTS)
 
@@ -52,13 +52,13 @@ def test_plan_fits_its_mission(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("first", [(), ("signed",), ("orders", "quiet")])
-def test_every_defect_meets_every_plan(first: Sequence[str]) -> None:
+def test_ordered_keeps_all_plans_and_puts_first_group_first(first: Sequence[str]) -> None:
     numbers = ordered(first)
     assert sorted(numbers) == list(range(len(PLANS)))
     assert not first or PLANS[numbers[0]] == GROUPS[first[0]][0]
 
 
-def test_page_names_what_was_not_found() -> None:
+def test_page_lists_detected_and_undetected_defects() -> None:
     row = {"name": "half-plane-inverted", "file": "", "breaks": "robots meet", "plans": 3}
     broken = {"rule": "touch", "time": 1.0, "robot": "robot1", "what": "overlap", "plan": "swap --seed 0"}
     found = {

@@ -1,4 +1,4 @@
-"""The pages in docs/ are those that campaigns make of the committed figures."""
+"""Pages in docs/ equal the pages that campaigns generate from the committed figures."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def figures(name: str) -> Any:
 
 
 @pytest.mark.parametrize("campaign", ["reliability", "safety"])
-def test_page_of_parts_is_made_of_its_figures(campaign: str, tmp_path: Path) -> None:
+def test_campaign_page_equals_page_generated_from_figures(campaign: str, tmp_path: Path) -> None:
     shutil.copy(DOCS / f"{campaign}.json", tmp_path)
     import_module(f"tests.campaigns.{campaign}.__main__").write({}, tmp_path)
     assert (tmp_path / f"{campaign}.md").read_text(encoding="utf-8") == committed(campaign)
 
 
-def test_page_of_benchmarks_is_made_of_its_figures() -> None:
+def test_benchmark_page_equals_page_generated_from_figures() -> None:
     assert document(figures("benchmarks")) == committed("benchmarks")
 
 
-def test_page_of_the_yardstick_is_made_of_its_figures() -> None:
+def test_yardstick_page_equals_page_generated_from_figures() -> None:
     assert page(figures("yardstick")["yardstick"]) == committed("yardstick")

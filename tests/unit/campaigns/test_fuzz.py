@@ -1,4 +1,4 @@
-"""A few seeds of each campaign of `python -m tests.campaigns.fuzz`, whatever time they take."""
+"""A few seeds of each campaign of `python -m tests.campaigns.fuzz`, without a limit of time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.campaigns.fuzz import __main__ as campaigns
 from tests.campaigns.fuzz import trying
 
 SEEDS = {"recordings": range(1, 25), "missions": range(100, 140), "state": range(300, 340)}
-"""Among them forms that raised an error once."""
+"""Includes inputs that once raised an error."""
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The judge of the campaign: each of its verdicts is held by a trace that is good and by one that is not."""
+"""The judge of the reliability campaign: each verdict for a good and for a bad trace."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAST, TURN = ROBOT.max_speed, ROBOT.max_turn_rate
 
 
 def commands(*speeds: float, since: float = 0.0, turn_rate: float = 0.0) -> list[Commanded]:
-    """One every 0.05 s, in shares of the speed limit."""
+    """Commands every 0.05 s, in shares of the speed limit."""
     return [
         Commanded(since + 0.05 * n, share * FAST, turn_rate if share else 0.0)
         for n, share in enumerate(speeds)
@@ -41,7 +41,7 @@ def led(at: float, publisher_id: str = "a", term: int = 1) -> Led:
         (commands(0.1, 0.3, 0.4), 0.4, 0.2, 0),
         (commands(0.0, 0.7), 0.7, 0.7, 0),
         (commands(0.4, -0.4), 0.4, 0.8, 0),
-        (commands(0.9, 0.0, 0.0, 0.3, 0.0), 0.9, 0.3, 2),  # to zero is the failsafe's right, and counted
+        (commands(0.9, 0.0, 0.0, 0.3, 0.0), 0.9, 0.3, 2),  # jumps to zero are legal, and counted
         (commands(0.9, 1e-6), 0.9, 0.9, 0),
     ],
 )
@@ -72,7 +72,7 @@ def test_only_commands_above_a_limit_and_large_jumps_are_faults(
     assert judge.faults(Motion.of(given, ROBOT)) == faults
 
 
-def test_a_command_that_is_no_number_is_over_every_limit() -> None:
+def test_nan_command_is_a_fault() -> None:
     assert judge.faults(Motion.of([Commanded(0.0, float("nan"), 0.0)], ROBOT))
 
 
@@ -83,12 +83,12 @@ def test_a_command_that_is_no_number_is_over_every_limit() -> None:
         ([0.01] * 30, 0.0),
         ([0.5] * 30, None),
         ([0.01] * 19, None),  # not for long enough
-        ([*[0.01] * 10, 0.5, *[0.01] * 30], 0.55),  # it came back once
-        ([*[0.01] * 10, float("nan"), *[0.01] * 30], 0.55),  # what is unknown is not small
+        ([*[0.01] * 10, 0.5, *[0.01] * 30], 0.55),  # a large error in between
+        ([*[0.01] * 10, float("nan"), *[0.01] * 30], 0.55),  # an unknown error is not small
         ([0.02] * 30, None),
     ],
 )
-def test_the_error_is_back_from_when_it_stays_small(errors: Sequence[float], expected: float | None) -> None:
+def test_settled_at_is_when_error_stays_small(errors: Sequence[float], expected: float | None) -> None:
     times: Floats = 0.05 * np.arange(len(errors), dtype=np.float64)
     assert judge.settled_at(times, np.array(errors)) == pytest.approx(expected)
 
@@ -98,7 +98,7 @@ def test_the_error_is_back_from_when_it_stays_small(errors: Sequence[float], exp
     [
         (commands(0.5, 0.5, 0.0, 0.0, 0.0), 0.0, 0.10),
         (commands(0.5, 0.0, 0.5, 0.0, 0.0), 0.0, 0.15),
-        (commands(0.5, 0.0), 0.2, 0.0),  # it was told so before
+        (commands(0.5, 0.0), 0.2, 0.0),  # it stood before `since`
         (commands(0.5, 0.0, 0.5), 0.0, None),
         (commands(0.5), 0.2, None),
         ([], 0.0, None),
@@ -110,15 +110,15 @@ def test_robot_stands_from_first_of_the_final_zeros(
     assert judge.stood(given, since, 1.0) == pytest.approx(expected)
 
 
-def test_continuing_robot_was_commanded_without_stop_or_gap() -> None:
+def test_went_on_requires_commands_without_stop_or_gap() -> None:
     assert judge.went_on(commands(*[0.5] * 30), 0.0, 1.4)
     assert not judge.went_on(commands(*[0.5] * 10, 0.0, *[0.5] * 19), 0.0, 1.4)
-    assert not judge.went_on(commands(*[0.5] * 10), 0.0, 1.4), "it fell silent"
+    assert not judge.went_on(commands(*[0.5] * 10), 0.0, 1.4), "commands end early"
     assert not judge.went_on([*commands(0.5, 0.5), *commands(0.5, 0.5, since=0.9)], 0.0, 0.95), "a gap"
     assert not judge.went_on([], 0.0, 1.0)
 
 
-def test_one_leader_after_the_other_are_no_rivals() -> None:
+def test_successive_leaders_are_no_rivals() -> None:
     leads = [led(0.0), led(1.0), led(1.5, "b", 2), led(2.0, "b", 2)]
     assert judge.rivals(leads) == []
     assert [one.publisher_id for one in judge.leader_terms(leads)] == ["a", "b"]
@@ -138,7 +138,7 @@ def test_takeover_ends_with_first_message_of_new_leader() -> None:
 
 
 def driven(astray: complex = 0j, leader_until: float = 2.0) -> Seen:
-    """Two seconds at 0.2 m/s with everybody in place, but robot4, which is `astray`."""
+    """Two seconds at 0.2 m/s with every robot in its slot, but robot4 `astray` from it."""
     seen, slots = Seen(SIX), SIX.slots()
     for n in range(41):
         at = 0.05 * n
@@ -165,11 +165,11 @@ def test_error_sums_edges_of_displaced_robot() -> None:
     assert away == pytest.approx(0.3 * edges, rel=0.05)
 
 
-def test_a_leader_that_fell_silent_is_where_it_was() -> None:
+def test_silent_leader_keeps_its_last_position() -> None:
     assert driven(leader_until=1.0).errors(np.array([2.0])) > 0.15
 
 
-def test_the_nearest_two_are_found() -> None:
+def test_distances_gives_least_distance_of_two_robots() -> None:
     apart = driven().distances(np.array([1.0]))
     closer = driven(SIX.slot("robot3") - SIX.slot("robot4") + 0.1).distances(np.array([1.0]))
     assert apart == pytest.approx(1.0, abs=0.01)
@@ -189,7 +189,7 @@ def test_witness_file_is_read_by_complete_lines(tmp_path: Path) -> None:
     seen.close()
 
 
-def test_what_is_forgotten_leaves_the_last_of_it() -> None:
+def test_forget_keeps_last_message_before_given_time() -> None:
     seen = driven()
     seen.forget(1.0)
     assert 0.9 < seen.leads[0].at < 1.0

@@ -1,4 +1,4 @@
-"""Layouts of posts are fair, and verdicts say what happened."""
+"""Layouts of posts in the safety campaign, and its verdicts."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def test_layout_leaves_gaps_crosses_the_path_and_needs_a_detour() -> None:
         assert any(abs(place.imag - track) < radius + BODY for radius, place in places for track in tracks())
 
 
-def test_layouts_are_the_same_each_time_and_others_with_another_seed() -> None:
+def test_layout_is_reproducible_and_differs_by_seed() -> None:
     assert layout(3) == layout(3)
     assert len({tuple(layout(seed)) for seed in SEEDS}) == len(SEEDS)
 
 
-def test_no_robot_starts_in_a_post() -> None:
+def test_robots_start_clear_of_posts() -> None:
     for seed in SEEDS:
         one = mission(layout(seed), worse=True)
         starts = [one.robots[name].start.position for name in one.followers]
@@ -72,9 +72,7 @@ def test_only_the_worse_scanner_has_noise_and_losses() -> None:
         ({"error": FORMED}, [True, False]),
     ],
 )
-def test_one_layout_that_goes_wrong_breaks_its_bar_and_is_named(
-    change: dict[str, Any], held: list[bool]
-) -> None:
+def test_failed_layout_breaks_its_bar_and_is_named(change: dict[str, Any], held: list[bool]) -> None:
     wrong = FINE._replace(seed=7, **change)
     found = posts.judged([FINE, wrong, FINE._replace(worse=False)])
     assert [one["held"] for one in found["bars"]] == [*held, True, True]

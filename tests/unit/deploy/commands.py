@@ -1,4 +1,4 @@
-"""Commands of `formation` as a test runs them, and missions that give `formation assign` something to do."""
+"""Helpers that run commands of `formation`, and missions for `formation assign`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Capsys = pytest.CaptureFixture[str]
 
 
 def output_of(capsys: Capsys, arguments: Sequence[str]) -> str:
-    """What a command that succeeds prints."""
+    """Run a command that must succeed; return its output."""
     assert main(arguments) == 0
     return capsys.readouterr().out
 
 
 def refused(capsys: Capsys, arguments: Sequence[str]) -> str:
-    """What a command says that ends with exit code 2 and prints nothing else."""
+    """Run a command that must end with exit code 2 and print only to stderr; return that."""
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -31,7 +31,7 @@ def refused(capsys: Capsys, arguments: Sequence[str]) -> str:
 
 
 def assigned(capsys: Capsys, *arguments: str) -> dict[str, Any]:
-    """What `formation assign` says to a machine."""
+    """Run `formation assign --json`; return its result."""
     capsys.readouterr()
     assert main(["assign", *arguments, "--json"]) == 0
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
@@ -39,7 +39,7 @@ def assigned(capsys: Capsys, *arguments: str) -> dict[str, Any]:
 
 
 def shuffled(shape: str = "grid", robots: int = 9, *flags: str) -> str:
-    """A mission whose robots start near slots that are not theirs."""
+    """Write a mission whose robots start near slots of other robots; return its path."""
     assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force", *flags]) == 0
     path = Path("mine.toml")
     text = path.read_text(encoding="utf-8")

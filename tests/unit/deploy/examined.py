@@ -1,4 +1,4 @@
-"""Facts for the doctor: a robot and a desk with which nothing is wrong, and what is found in others."""
+"""Facts for tests of the doctor: a healthy robot, a healthy desk, and the findings of others."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stream(
 
 
 def paused(*pauses: float) -> Stream:
-    """20 Hz for 3 s, with pauses."""
+    """A stream of 20 Hz for 3 s, with pauses."""
     waits = [*pauses, *[0.05] * round((3.0 - sum(pauses)) / 0.05)]
     times = accumulate(waits[:-1], initial=0.0)
     return Stream(tuple(ReceivedMessage(100.0 + t, WALL + t, WALL + t) for t in times), frozenset({"odom"}))
@@ -51,7 +51,7 @@ def status_of(**values: Any) -> AgentStatus:
 
 
 def signs(start: float, *, begin: float = 0.0, end: float = 3.0) -> list[tuple[float, float]]:
-    """Signs of life of an agent that started `start` seconds before we listened."""
+    """Signs of life of an agent that started `start` seconds before the doctor listened."""
     moments = [begin + k / 20.0 for k in range(int((end - begin) * 20.0))]
     return [(100.0 + t, start + t) for t in moments]
 
@@ -89,7 +89,7 @@ DESK = replace(
 
 
 def found(facts: Facts) -> dict[str, str]:
-    """Sentences of all that is wrong, by name."""
+    """Sentences of all findings, by name."""
     return {
         finding.name: finding.sentence
         for checked in examine(EXAMINATIONS, facts)

@@ -1,4 +1,4 @@
-"""`formation assign`: slots by start, lists to avoid, what it reads and writes, what it refuses."""
+"""`formation assign`: slots by start position, avoidance lists, files and refusals."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SPACING = PROFILES["turtlebot3_burger"].spacing
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
 def distances(mission: Mission) -> list[float]:
-    """From each start to the slot, centre to centre [m]."""
+    """Distance from each start to the slot, centre to centre [m]."""
     ahead = mission.robots[mission.followers[0]].control_point_offset
     return [
         abs(mission.slot(name) - ahead - mission.robots[name].start.position) for name in mission.followers
@@ -54,14 +54,14 @@ def test_robot_takes_the_slot_near_its_start(shape: str, least: str, capsys: Cap
 
 @pytest.mark.parametrize("robots", [3, 8, *slow(50)])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_new_mission_is_assigned_already(shape: str, robots: int, capsys: Capsys) -> None:
+def test_assign_leaves_new_mission_unchanged(shape: str, robots: int, capsys: Capsys) -> None:
     assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml"]) == 0
     text = Path("mine.toml").read_bytes()
     assigned(capsys, "mine.toml")
     assert Path("mine.toml").read_bytes() == text
 
 
-def test_comments_order_and_all_other_values_stay(capsys: Capsys) -> None:
+def test_assign_keeps_comments_order_and_other_values(capsys: Capsys) -> None:
     assigned(capsys, "six_robots", "--out", "mine.toml")
     before, after = read("six_robots")[0], Path("mine.toml").read_text(encoding="utf-8")
     differing = {
@@ -92,12 +92,12 @@ def test_slot_is_assigned_in_every_shape(capsys: Capsys) -> None:
     assert mine.graph == own.graph
 
 
-def test_with_keep_slots_measure_each_other_as_they_did(capsys: Capsys) -> None:
+def test_graph_keep_preserves_edges_between_slots(capsys: Capsys) -> None:
     exchanged(read("two_chains")[0], "left1", "left6")
     assigned(capsys, "mine.toml", "--graph", "keep")
     after = load("mine.toml")
     assert after.slot("left1") == complex(-0.7, 0.4)
-    assert after.robots["left1"].neighbours == ("left5",)  # as that slot did
+    assert after.robots["left1"].neighbours == ("left5",)  # as the robot in that slot did before
     assert after.robots["left6"].neighbours == ("leader",)
 
 
@@ -107,7 +107,7 @@ def test_printed_command_can_be_pasted_for_any_filename(capsys: Capsys) -> None:
     assert main(shlex.split(line)[1:]) == 0
 
 
-def test_a_dry_run_shows_the_ways_and_writes_nothing(capsys: Capsys) -> None:
+def test_dry_run_prints_distances_and_writes_nothing(capsys: Capsys) -> None:
     mission = shuffled()
     text = Path(mission).read_bytes()
     out = output_of(capsys, ["assign", mission, "--dry-run"])
@@ -116,7 +116,7 @@ def test_a_dry_run_shows_the_ways_and_writes_nothing(capsys: Capsys) -> None:
     assert Path(mission).read_bytes() == text
 
 
-def test_assignment_can_begin_at_given_positions(capsys: Capsys) -> None:
+def test_positions_file_replaces_mission_starts(capsys: Capsys) -> None:
     first = load("turtlebot3_pair")
     slots = first.shapes["triangle"]
     at = {"robot1": [*slots["robot2"]], "robot2": [*slots["robot1"]]}
@@ -127,7 +127,7 @@ def test_assignment_can_begin_at_given_positions(capsys: Capsys) -> None:
     assert load("mine.toml").robots["robot1"].start == first.robots["robot1"].start
 
 
-def test_a_leader_elsewhere_takes_the_slots_along(capsys: Capsys) -> None:
+def test_slots_move_with_leader_position_of_positions_file(capsys: Capsys) -> None:
     first = load("turtlebot3_pair")
     at = {name: [x + 7.0, y - 2.0] for name, (x, y) in first.shapes["triangle"].items()}
     Path("now.json").write_text(json.dumps({**at, "leader": [7.0, -2.0]}), encoding="utf-8")
@@ -148,14 +148,14 @@ def test_turning_slots_follow_first_heading_of_leader(capsys: Capsys) -> None:
     assert found["distance"]["before"]["longest"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_another_shape_can_be_the_one_to_go_into(capsys: Capsys) -> None:
+def test_shape_flag_selects_shape_of_assignment(capsys: Capsys) -> None:
     one = assigned(capsys, "patrol", "--dry-run")
     other = assigned(capsys, "patrol", "--dry-run", "--shape", "line")
     assert one["distance"]["before"]["total"] != other["distance"]["before"]["total"]
 
 
 def avoiding(mission: Mission) -> set[tuple[complex, complex]]:
-    """Which slots avoid which."""
+    """Pairs of slots of which the first avoids the second."""
     return {
         (mission.slot(robot), mission.slot(other))
         for robot in mission.followers
@@ -198,7 +198,7 @@ def test_avoidance_list_of_robot_moves_with_its_slot(own: str, default: str, cap
     assert avoiding(before) == avoiding(after)
 
 
-def test_line_ends_stay_as_they_are(capsys: Capsys) -> None:
+def test_assign_keeps_line_ends(capsys: Capsys) -> None:
     Path("mine.toml").write_bytes(read("six_robots")[0].replace("\n", "\r\n").encode())
     assigned(capsys, "mine.toml")
     raw = Path("mine.toml").read_bytes()
@@ -207,7 +207,7 @@ def test_line_ends_stay_as_they_are(capsys: Capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ("nowhere.toml", "no such file"),
         ("six_robots", "--out FILE"),
@@ -226,7 +226,9 @@ def test_line_ends_stay_as_they_are(capsys: Capsys) -> None:
         (f"six_robots --out {'long' * 75}.toml", "long.toml: File name too long"),
     ],
 )
-def test_what_cannot_be_is_one_line_that_says_what_can(arguments: str, says: str, capsys: Capsys) -> None:
+def test_illegal_arguments_are_refused_and_change_no_file(
+    arguments: str, message: str, capsys: Capsys
+) -> None:
     for name, text in {
         "there.toml": "precious",
         "list.json": "[1, 2]",
@@ -239,11 +241,11 @@ def test_what_cannot_be_is_one_line_that_says_what_can(arguments: str, says: str
         Path(name).write_text(text, encoding="utf-8")
     before = {path: path.read_bytes() for path in Path().iterdir()}
     err = refused(capsys, ["assign", *arguments.split()])
-    assert says in err.splitlines()[-1]
+    assert message in err.splitlines()[-1]
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
 
 
-def test_a_shape_in_one_line_is_changed_in_place(capsys: Capsys) -> None:
+def test_inline_shape_table_is_edited_in_place(capsys: Capsys) -> None:
     inline = read("turtlebot3_pair")[0].replace("[shapes.triangle]", "[shapes]\ntriangle = { #")
     inline = inline.replace("{ # ", "{ robot1 = [-0.433013, -0.25], robot2 = [-0.433013, 0.25] } # ")
     inline = re.sub(r"^robot[12] = .*\n", "", inline, flags=re.MULTILINE)
@@ -299,7 +301,7 @@ def test_lists_of_shipped_missions_can_be_edited(name: str) -> None:
             assert tomllib.loads(text)["shapes"][shape][robot] == [1.5, -2]
 
 
-def test_lists_over_several_lines_and_odd_spaces_are_edited_as_well() -> None:
+def test_edited_handles_multiline_lists_and_odd_spaces() -> None:
     first, second = "[ robots . a ]  # one\n  neighbours = ", ' # two\n[robots.b]\nneighbours=["a"]'
     text = first + '[\n    "b", # near\n    "c",\n  ]' + second
     changed = edited(text, [Change("robots", "a", "neighbours", ("c",))])
@@ -308,13 +310,13 @@ def test_lists_over_several_lines_and_odd_spaces_are_edited_as_well() -> None:
     assert added.endswith('neighbours=["a"]\nfallback_neighbours = ["c"]')
 
 
-def test_brackets_in_comments_and_strings_are_no_ends_of_lists() -> None:
+def test_edited_ignores_brackets_in_comments_and_strings() -> None:
     text = '[robots.a]\nneighbours = ["b", # ] here\n"c"] # ] there\n[robots.b] # [robots.c]\nx = "]"\n'
     changed = edited(text, [Change("robots", "a", "neighbours", ("c",))])
     assert changed == '[robots.a]\nneighbours = ["c"] # ] there\n[robots.b] # [robots.c]\nx = "]"\n'
 
 
-def test_inline_and_dotted_tables_are_edited_as_well() -> None:
+def test_edited_handles_inline_and_dotted_tables() -> None:
     inline = '[robots]\na = { neighbours = ["b"] } # one\nb = {}\n'
     change = Change("robots", "a", "neighbours", ("c",))
     changed = edited(inline, [change, Change("robots", "a", "fallback_neighbours", ("b",))])
@@ -324,13 +326,13 @@ def test_inline_and_dotted_tables_are_edited_as_well() -> None:
     assert edited(dotted, [change]) == '[robots]\na.neighbours = ["c"] # one\nb.start = 1\n'
 
 
-def test_what_is_added_stays_clear_of_the_next_table() -> None:
+def test_edited_adds_key_within_its_own_table() -> None:
     text = '[robots.a]\nneighbours = ["b"]\nstart = 1 # here\n\n# about b\n[robots.b]\n'
     added = edited(text, [Change("robots", "a", "fallback_neighbours", ("c",))])
     assert added == text.replace("start", 'fallback_neighbours = ["c"]\nstart')
     assert edited(added, [Change("robots", "a", "fallback_neighbours", ())]) == text
 
 
-def test_without_neighbours_nothing_is_added() -> None:
+def test_edited_refuses_to_add_key_without_neighbours() -> None:
     with pytest.raises(ValueError, match=r"robots\.a\.avoid"):
         edited("[robots.a]\nstart = 1\n", [Change("robots", "a", "avoid", "all")])

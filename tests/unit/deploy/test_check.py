@@ -1,4 +1,4 @@
-"""`formation check`: exit codes, words and JSON. The figures themselves are tested where they are made."""
+"""`formation check`: exit codes, text and JSON. Other tests check the figures themselves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ KEYS = {
 
 
 def ring(followers: int) -> str:
-    """A directed ring of followers of which one sees the leader, at the paper's gains."""
+    """A directed ring of followers of which one measures the leader, with the paper's gains."""
     spots = [cmath.rect(5.0, math.tau * i / followers) for i in range(followers)]
     slots = "".join(f"r{i} = [{spot.real:.3f}, {spot.imag:.3f}]\n" for i, spot in enumerate(spots))
     robots = "".join(
@@ -51,13 +51,13 @@ def checked(capsys: Capsys, *arguments: str) -> tuple[int, str, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("mission", shipped())
-def test_every_shipped_mission_passes_without_a_warning(mission: str, capsys: Capsys) -> None:
+def test_check_of_shipped_mission_passes_without_warnings(mission: str, capsys: Capsys) -> None:
     code, out, result = checked(capsys, mission)
     assert code == 0
     assert set(result) >= KEYS
     assert result["ok"] is True
     assert result["problems"] == []
-    # in two chains each robot measures only the one before it, and half a metre is not far
+    # in two_chains each robot measures only the one before it, half a metre away
     assert [one for one in result["warnings"] if "could meet" not in one or mission != "two_chains"] == []
     assert result["depth"][load(mission).leader] == 0
     assert result["settling_time_estimate"] > 0.0
@@ -86,7 +86,7 @@ def test_check_uses_law_of_command_line(capsys: Capsys) -> None:
     assert result["settling_time_estimate"] > 2.0 * checked(capsys, "six_robots")[2]["settling_time_estimate"]
 
 
-def test_terminal_shows_what_the_check_waits_for(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
+def test_check_shows_that_it_compiles_the_law(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     reported: list[str] = []
 
     @contextmanager
@@ -127,7 +127,7 @@ def test_check_names_fallbacks_and_standbys_without_holding_robots(capsys: Capsy
     assert result["losses"]["leader"] == {"hold": [], "instead": {}, "successor": "deputy"}
 
 
-def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: Capsys) -> None:
+def test_check_warns_of_useless_fallback_neighbour(tmp_path: Path, capsys: Capsys) -> None:
     text = read("two_chains")[0].replace(
         'neighbours = ["left1"]', 'neighbours = ["left1"]\nfallback_neighbours = ["left3"]'
     )
@@ -138,7 +138,7 @@ def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: Capsys
     assert "warning: robots.left2.fallback_neighbours: left3 never helps" in out
 
 
-def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: Capsys) -> None:
+def test_check_with_standby_needs_both_of_two_followers(tmp_path: Path, capsys: Capsys) -> None:
     text = read("turtlebot3_pair")[0] + "\n[standbys.deputy]\n"
     (tmp_path / "agree.toml").write_text(text)
     _, out, result = checked(capsys, str(tmp_path / "agree.toml"))
@@ -147,7 +147,7 @@ def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: Capsys) ->
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
-def test_columns_stand_under_their_titles_however_short_the_names(tmp_path: Path, capsys: Capsys) -> None:
+def test_columns_align_with_titles_for_short_names(tmp_path: Path, capsys: Capsys) -> None:
     mission = tmp_path / "ring.toml"
     mission.write_text(ring(3).replace("leader", "l").replace('l = "l"', 'leader = "l"', 1))
     _, out, _ = checked(capsys, str(mission))
@@ -158,7 +158,7 @@ def test_columns_stand_under_their_titles_however_short_the_names(tmp_path: Path
     assert [text[lines[title].index("hops")] for text in rows] == ["0", "1", "2", "3"]
 
 
-def test_eigenvalues_are_listed_once_slowest_first_and_pairs_as_one() -> None:
+def test_eigenvalues_merge_pairs_and_repeats_slowest_first() -> None:
     text = _eigenvalues([-3.0 + 0j, -0.5 - 1j, -3.0 + 0j, -0.5 + 1j])
     assert text == "-0.5 ± 1i, -3 (2 times) 1/s"
     assert _eigenvalues([complex(-k) for k in range(1, 10)]).endswith("-6 and 3 more 1/s")
@@ -181,7 +181,7 @@ def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
     assert found[1].endswith("robot3's slot at y = 1 m, limit 0.8 m")
 
 
-def test_check_says_what_is_proven_and_how_curves_end() -> None:
+def test_check_prints_convergence_certificate_and_curve_errors() -> None:
     circle = Circle(radius=2.0, speed=0.2)
     six, patrol = load("six_robots").changed(route=(circle,)), load("patrol")
     found = analyse(six)

@@ -1,4 +1,4 @@
-"""The command line: what it forwards, what it refuses, and with which exit code."""
+"""The command line `formation`: forwarded arguments, refusals and exit codes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.unit.deploy.commands import Capsys, output_of, refused
 
 
 def stand_in(monkeypatch: pytest.MonkeyPatch, behaviour: object) -> list[Sequence[str]]:
-    """Replace every subcommand's module; returns the list of arguments that it is called with."""
+    """Replace every subcommand's module; return the list of arguments of its calls."""
     calls: list[Sequence[str]] = []
 
     def called(arguments: Sequence[str]) -> int:
@@ -36,9 +36,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, behaviour: object) -> list[Sequenc
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_gets_its_arguments_as_they_were_typed(
-    command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_receives_its_arguments_unchanged(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = stand_in(monkeypatch, 1)
     typed = ["six_robots", "-e", "tcp/127.0.0.1:7447", "--cfg", "mode:peer", "--", "-x"]
     assert cli.main([command, *typed]) == 1
@@ -50,19 +48,19 @@ def test_every_command_has_help_with_its_own_name(command: str, capsys: Capsys) 
     assert f"usage: formation {command}" in output_of(capsys, [command, "--help"])
 
 
-def test_the_overview_names_every_command(capsys: Capsys) -> None:
+def test_help_names_every_command(capsys: Capsys) -> None:
     text = output_of(capsys, ["--help"])
     assert all(f"  {name} " in text for name in cli.COMMANDS)
     assert "examples:" in text
 
 
-def test_without_a_command_the_overview_is_shown_and_nothing_is_done(capsys: Capsys) -> None:
+def test_missing_command_prints_usage_and_exits_with_2(capsys: Capsys) -> None:
     assert cli.main([]) == 2
     assert "usage: formation" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["rnu"], ["--nonsense"], ["run", "--nonsense"], ["run", "--law", "x"]])
-def test_what_the_command_line_does_not_know_is_exit_code_2(arguments: list[str], capsys: Capsys) -> None:
+def test_unknown_command_or_flag_exits_with_2(arguments: list[str], capsys: Capsys) -> None:
     assert cli.main(arguments) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -70,18 +68,18 @@ def test_what_the_command_line_does_not_know_is_exit_code_2(arguments: list[str]
     assert err.endswith("--help\n")
 
 
-def test_the_version_is_the_packages(capsys: Capsys) -> None:
+def test_version_flag_prints_version(capsys: Capsys) -> None:
     assert output_of(capsys, ["--version"]).startswith("formation 0.")
 
 
-def test_a_refusal_is_one_line_on_stderr(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
+def test_refusal_prints_one_line_to_stderr(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     stand_in(monkeypatch, Refusal("no such thing"))
     assert cli.main(["run"]) == 2
     assert capsys.readouterr() == ("", "formation: no such thing\n")
 
 
 @pytest.mark.parametrize(("package", "extra"), EXTRAS.items())
-def test_a_missing_extra_is_named_with_the_line_that_brings_it(
+def test_missing_extra_prints_pip_install_line(
     package: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     stand_in(monkeypatch, ModuleNotFoundError("none", name=f"{package}.sub"))
@@ -89,19 +87,19 @@ def test_a_missing_extra_is_named_with_the_line_that_brings_it(
     assert f"pip install '.[{extra}]' in a clone" in capsys.readouterr().err
 
 
-def test_a_missing_module_of_our_own_is_no_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_formation_module_raises_module_not_found_error(monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in(monkeypatch, ModuleNotFoundError("none", name="formation.lost"))
     with pytest.raises(ModuleNotFoundError):
         cli.main(["monitor"])
 
 
-def test_ctrl_c_in_any_command_is_exit_code_130(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
+def test_ctrl_c_exits_with_130(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     stand_in(monkeypatch, KeyboardInterrupt())
     assert cli.main(["simulate"]) == 130
     assert "interrupted" in capsys.readouterr().err
 
 
-def test_the_shipped_missions_are_listed(capsys: Capsys) -> None:
+def test_missions_command_lists_shipped_missions(capsys: Capsys) -> None:
     listed = output_of(capsys, ["missions"])
     assert all(name in listed for name in shipped())
     assert cli.main(["missions", "--json"]) == 0
@@ -115,7 +113,9 @@ def test_the_shipped_missions_are_listed(capsys: Capsys) -> None:
 
 
 @pytest.mark.parametrize("command", ["run", "check", "simulate"])
-def test_a_bad_mission_is_one_line_and_exit_code_2(command: str, tmp_path: Path, capsys: Capsys) -> None:
+def test_illegal_mission_prints_one_line_and_exits_with_2(
+    command: str, tmp_path: Path, capsys: Capsys
+) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text('name = "bad"\nleader = "nobody"\n')
     err = refused(capsys, [command, str(bad)])
@@ -123,18 +123,18 @@ def test_a_bad_mission_is_one_line_and_exit_code_2(command: str, tmp_path: Path,
     assert str(bad) in err
 
 
-def test_the_law_of_the_command_line_outranks_the_missions() -> None:
+def test_law_flag_overrides_law_of_mission() -> None:
     assert read_mission("six_robots").law.kind == "field"
     assert read_mission("six_robots", "paper").law.kind == "paper"
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "0", "1e999"])
-def test_a_number_that_cannot_be_is_refused(text: str) -> None:
+def test_number_refuses_nonpositive_and_nonfinite_values(text: str) -> None:
     with pytest.raises(Exception, match=f"{text}: must be above 0 and finite"):
         number(0.0, open_below=True)(text)
 
 
-def test_json_is_strict_also_where_a_figure_is_not_finite() -> None:
+def test_json_output_writes_nonfinite_numbers_as_null() -> None:
     text = as_json({"a": float("nan"), "b": [1.5, float("inf")], "c": {"d": None}})
     assert json.loads(text) == {"a": None, "b": [1.5, None], "c": {"d": None}}
     assert os.linesep not in text

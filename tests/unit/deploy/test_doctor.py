@@ -1,4 +1,4 @@
-"""The doctor: each examination names what is wrong and nothing else; its report and what it refuses."""
+"""`formation doctor`: findings of its examinations, its report and its refusals."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from tests.unit.deploy.examined import (
 )
 
 
-def test_of_what_is_well_nothing_is_said_but_what_was_seen() -> None:
+def test_healthy_robot_and_desk_have_no_findings() -> None:
     assert found(DESK) == found(HEALTHY) == {}
     checked = examine(EXAMINATIONS, HEALTHY)
     assert [one.title for one in checked] == [
@@ -51,12 +51,12 @@ def certificate(**changes: Any) -> Mapping[str, Any]:
     return {"certificate": replace(HEALTHY.certificate, **changes)}
 
 
-ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
+PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "odometry stamped late": ({"odometry": stream(behind=0.4)}, "clock-offset",
         "odometry is stamped 0.4 s ago"),
     "odometry stamped ahead": ({"odometry": stream(behind=-5.0)}, "clock-offset", "stamped 5 s ahead"),
     "position stamped late": ({"position": stream(behind=0.2)}, "clock-offset", "its position is stamped"),
-    "neighbour's clock": ({"newest_status": status_of(clock={"leader": -0.3})}, "clock-doubted",
+    "clock of a neighbour": ({"newest_status": status_of(clock={"leader": -0.3})}, "clock-doubted",
         "does not believe the stamps of leader"),
     "chrony without server": ({"chrony": Chrony(0.0, synchronised=False)}, "clock-unsynchronised",
         "no time server"),
@@ -65,7 +65,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "slow odometry": ({"odometry": stream(8.0)}, "odometry-slow", "at 8 Hz instead of 20 Hz"),
     "fast odometry": ({"odometry": stream(40.0)}, "odometry-fast", "at 40 Hz instead of 20 Hz"),
     "irregular odometry": ({"odometry": paused(0.2, 0.3)}, "odometry-irregular", "paused 2 times in 3 s"),
-    "two odometries": ({"odometry": stream(frames=("odom", "map"))}, "odometry-frames",
+    "two odometry frames": ({"odometry": stream(frames=("odom", "map"))}, "odometry-frames",
         "several frames: map, odom"),
     "unreadable odometry": (
         {"odometry": replace(stream(), bad=("orientation has length 0, must be 1",))},
@@ -80,12 +80,12 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "unknown name": ({"reached": {"robot2": Reached("tls/h:1", "unknown name")}}, "unreachable",
         "name cannot be resolved"),
     "no TLS": ({"reached": {"robot2": Reached("tls/h:1", "no TLS")}}, "unreachable", "does not use TLS"),
-    "untrusted": (
+    "certificate not trusted": (
         {"reached": {"robot2": Reached("tls/h:1", "untrusted", "certificate has expired")}},
         "unreachable", "not to be trusted (certificate has expired)",
     ),
-    "turned away": ({"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}}, "unreachable",
-        "refuses our certificate (unknown ca)"),
+    "certificate refused": ({"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}},
+        "unreachable", "refuses our certificate (unknown ca)"),
     "addresses mixed up": (
         {"reached": {"robot2": Reached("tls/h:1", "ok", name="robot1")}},
         "neighbour-misnamed", "where robot2 should be, robot1 answers",
@@ -98,9 +98,9 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
     "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
-    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST),)}, "cmd-vel-type",
+    "wrong cmd_vel type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST),)}, "cmd-vel-type",
         "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped"),
-    "somebody else drives": (
+    "second cmd_vel publisher": (
         {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED))},
         "cmd-vel-contested", "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
@@ -108,7 +108,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "watchdog failed": ({"watchdog_unit": "failed"}, "watchdog-down", "systemd calls it failed"),
     "agent silent": ({"status": Stream(), "newest_status": None, "alive": ()}, "agent-silent",
         "no status in 3 s"),
-    "status of a stranger": (
+    "unreadable status": (
         {"status": Stream(bad=("status: kind is missing, must be agent",)), "newest_status": None,
          "alive": ()},
         "agent-unreadable", "1 statuses of its agent cannot be read: status: kind is missing",
@@ -123,7 +123,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         {"newest_status": status_of(contested=("robot2",))},
         "neighbour-doubled", "positions of robot2 from two agents",
     ),
-    "refusals": ({"newest_status": status_of(refused={"put robot3/position": 12})}, "refused",
+    "refused messages": ({"newest_status": status_of(refused={"put robot3/position": 12})}, "refused",
         "refused 12 times: put robot3/position"),
     "started with another mission": ({"newest_status": status_of(mission="0123456789ab")}, "mission-other",
         "its agent was started with another mission"),
@@ -131,25 +131,25 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         {"newest_status": status_of(other_mission={"robot2": "89ef4567"})},
         "mission-mixed", "robot2 runs mission 89ef4567",
     ),
-    "expiring": (certificate(begins=WALL - 25 * DAY, ends=WALL + 5 * DAY), "certificate-expires",
+    "certificate expiring": (certificate(begins=WALL - 25 * DAY, ends=WALL + 5 * DAY), "certificate-expires",
         "c.pem expires in 5 days"),
-    "expired": (certificate(ends=WALL - 60.0), "certificate-expired",
+    "certificate expired": (certificate(ends=WALL - 60.0), "certificate-expired",
         "c.pem has expired on 2027-01-15 07:59 UTC"),
-    "not yet valid": (certificate(begins=WALL + 7200.0), "certificate-not-yet-valid",
+    "certificate not yet valid": (certificate(begins=WALL + 7200.0), "certificate-not-yet-valid",
         "becomes valid in 2.0 hours"),
-    "of another robot": (certificate(name="robot2"), "certificate-name",
+    "certificate of another robot": (certificate(name="robot2"), "certificate-name",
         "is the certificate of 'robot2', not of 'robot1'"),
-    "wrong key": (certificate(problem="the key does not belong to it"), "certificate-unusable",
+    "certificate of wrong key": (certificate(problem="the key does not belong to it"), "certificate-unusable",
         "c.pem: the key does not belong"),
-    "open key": (certificate(mode=0o644), "key-readable", "readable by others (mode 644)"),
-    "another mission": ({"installed_differs": "/opt/m.toml"}, "mission-differs",
+    "key readable by others": (certificate(mode=0o644), "key-readable", "readable by others (mode 644)"),
+    "other mission installed": ({"installed_differs": "/opt/m.toml"}, "mission-differs",
         "in /opt/m.toml is not the one"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("ill", ILLS)
-def test_each_ill_is_named_and_nothing_else_with_it(ill: str) -> None:
-    changes, name, sentence = ILLS[ill]
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_each_problem_gives_only_its_finding(problem: str) -> None:
+    changes, name, sentence = PROBLEMS[problem]
     sentences = found(replace(HEALTHY, **changes))
     assert list(sentences) == [name]
     assert sentence in sentences[name]
@@ -169,7 +169,7 @@ def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
     assert found(with_frame("start")) == {}
 
 
-def test_where_there_is_no_bridge_none_is_blamed() -> None:
+def test_finding_for_rmw_zenoh_robot_does_not_name_bridge() -> None:
     data = TB3.model_dump()
     data["robots"]["robot1"]["ros"] = "rmw_zenoh"
     native = replace(HEALTHY, mission=Mission.model_validate(data), routed=False, listeners=())
@@ -177,7 +177,7 @@ def test_where_there_is_no_bridge_none_is_blamed() -> None:
     assert "bridge" not in finding.sentence + finding.remedy
 
 
-def test_unreachable_agent_is_not_also_called_silent() -> None:
+def test_unreachable_agent_is_not_also_reported_silent() -> None:
     nothing = replace(DESK, status=Stream(), newest_status=None)
     assert list(found(nothing)) == ["agent-silent"]
     refused = replace(nothing, reached={"robot1": Reached("tls/h:1", "refused")})
@@ -220,13 +220,13 @@ def test_silent_or_unreachable_standby_is_named() -> None:
     assert found(robot)["unreachable"] == "the standby deputy at tls/h:1 does not answer"
 
 
-def test_a_neighbour_that_was_never_heard_is_named() -> None:
+def test_neighbour_never_received_is_named() -> None:
     assert found(replace(HEALTHY, newest_status=status_of(age={"odometry": 0.012}))) == {
         "neighbour-silent": "its neighbour leader has never been received"
     }
 
 
-def test_one_agent_after_the_other_is_not_two_at_once() -> None:
+def test_two_ages_tells_restart_from_two_agents_at_once() -> None:
     one_after_the_other = [*signs(50.0, end=1.0), (101.0, -1.0), *signs(-1.5, begin=1.5)]
     assert two_ages(one_after_the_other) is None
     assert two_ages(sorted(one_after_the_other + signs(20.0, begin=0.5))) is not None
@@ -235,7 +235,7 @@ def test_one_agent_after_the_other_is_not_two_at_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "expected"),
     [
         (
             "C0A8010A,192.168.1.10,3,1.7e9,-0.000012345,0.00001,0.00002,-1.2,0.0,0.1,0.01,0.001,16.0,Normal",
@@ -248,15 +248,15 @@ def test_one_agent_after_the_other_is_not_two_at_once() -> None:
         ("506 Cannot talk to daemon", None),
     ],
 )
-def test_what_chrony_says_is_read(line: str, says: Chrony | None) -> None:
-    assert read_tracking(line) == says
+def test_read_tracking_parses_chrony_output(line: str, expected: Chrony | None) -> None:
+    assert read_tracking(line) == expected
 
 
-def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() -> None:
-    ill = replace(
+def test_report_in_80_columns_names_robot_sentence_and_remedy() -> None:
+    unhealthy = replace(
         HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
     )
-    result = words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
+    result = words({"robot1": examine(EXAMINATIONS, unhealthy), "robot2": examine(EXAMINATIONS, HEALTHY)})
     lines = result.splitlines()
     assert max(map(len, lines)) <= 80
     assert "  ✗ robot        nothing listens to cmd_vel: the bridge has lost its route, or\n" in result
@@ -274,7 +274,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_style_is_plain_with_no_color_set(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
     assert style(Terminal()) == COLOUR
     for value, expected in (("", COLOUR), ("1", PLAIN)):
@@ -293,7 +293,7 @@ def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
         (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
     ],
 )
-def test_what_cannot_be_examined_is_refused_in_a_sentence(words: list[str], why: str, capsys: Capsys) -> None:
+def test_doctor_refuses_illegal_arguments_with_reason(words: list[str], why: str, capsys: Capsys) -> None:
     assert why in refused(capsys, ["doctor", *words])
 
 
@@ -305,7 +305,7 @@ def test_what_cannot_be_examined_is_refused_in_a_sentence(words: list[str], why:
         ("patrol", "deputy", "this is the standby's machine: say MISSION"),
     ],
 )
-def test_doctor_says_what_an_installation_lacks(
+def test_doctor_refuses_unsuitable_installation_with_reason(
     mission: str, robot: str, why: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     home = tmp_path / "current"

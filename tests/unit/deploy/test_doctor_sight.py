@@ -1,4 +1,4 @@
-"""The doctor about range scanners, and about what robots see of their neighbours."""
+"""Findings of the doctor about range scanners and the sight of neighbours."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ AT_DESK = replace(DESK, mission=SEEING, robot="robot7", newest_status=sees(age={
 
 
 def findings(facts: Facts) -> dict[str, tuple[str, str]]:
-    """Sentence and remedy of all that is wrong with scanner and sight, by name."""
+    """Sentence and remedy of each finding about scanner and sight, by name."""
     return {
         finding.name: (finding.sentence, finding.remedy)
         for checked in examine((SCANNER, SIGHT), facts)
@@ -64,8 +64,8 @@ def seen(facts: Facts) -> dict[str, str]:
     return {checked.title: checked.seen for checked in examine(EXAMINATIONS, facts)}
 
 
-def under(facts: Facts, **scan: Any) -> Facts:
-    """The same with other keys of robot7's `scan`."""
+def with_scan_keys(facts: Facts, **scan: Any) -> Facts:
+    """The same facts with other keys in `scan` of robot7."""
     spec = facts.mission.robots["robot7"]
     changed = spec.model_copy(update={"scan": spec.scan.model_copy(update=scan)})
     return replace(facts, mission=facts.mission.changed(robots={**facts.mission.robots, "robot7": changed}))
@@ -79,14 +79,14 @@ def test_scanner_and_sight_are_reported_on_robot() -> None:
     assert seen(WELL)["sight"] == "locked: robot2 to 0.7 cm, 0.1 s ago; robot3 to 0.9 cm, 0.3 s ago"
 
 
-def test_desk_reports_sight_by_the_agents_status() -> None:
+def test_desk_reports_sight_from_agent_status() -> None:
     facts = replace(AT_DESK, seen_by=("robot4",))
     assert findings(facts) == {}
     assert seen(facts)["scanner"] == "newest range scan 0.1 s old"
     assert seen(facts)["sight"].endswith("robot3 to 0.9 cm, 0.3 s ago; seen by robot4")
 
 
-def test_one_neighbour_out_of_sight_is_reported_and_no_fault() -> None:
+def test_single_unseen_neighbour_is_reported_without_finding() -> None:
     status = sees(
         sight_age={"robot2": 0.12, "robot3": 7.2}, sight_deviation={"robot2": 0.0071}, sight_lost=("robot3",)
     )
@@ -95,14 +95,14 @@ def test_one_neighbour_out_of_sight_is_reported_and_no_fault() -> None:
     assert seen(facts)["sight"] == "locked: robot2 to 0.7 cm, 0.1 s ago; robot3 not seen for 7.2 s"
 
 
-def test_robots_that_need_not_see_are_not_examined() -> None:
+def test_robot_without_landmarks_needs_no_sight() -> None:
     assert not {"scanner", "sight"} & seen(HEALTHY).keys()
     anchor = replace(WELL, robot="robot2", newest_status=sees(robot="robot2", sight=None))
     assert seen(anchor)["sight"] == "goes by its odometry: no neighbour corrects it"
 
 
-ILLS: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
-    "never seen any": ({"newest_status": blind()}, "sight-none",
+PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
+    "no neighbour seen yet": ({"newest_status": blind()}, "sight-none",
         "its scanner has seen none of robot2, robot3, and stands", "on its start pose, to 5 cm and 3°"),
     "neighbours elsewhere": ({"newest_status": blind(reason=CONTRADICTED)}, "sight-none",
         "its scanner has seen none of robot2, robot3, and stands", "put it and its neighbours on"),
@@ -128,12 +128,12 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("ill", ILLS)
-def test_fault_is_named_with_a_remedy(ill: str) -> None:
-    changes, name, sentence, remedy = ILLS[ill]
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_each_problem_gives_only_its_finding_with_remedy(problem: str) -> None:
+    changes, name, sentence, remedy = PROBLEMS[problem]
     facts = replace(WELL, **changes)
-    if ill == "irregular scanner":
-        facts = replace(under(facts, model=None, rate=20.0), scans=())
+    if problem == "irregular scanner":
+        facts = replace(with_scan_keys(facts, model=None, rate=20.0), scans=())
     assert list(findings(facts)) == [name]
     assert sentence in findings(facts)[name][0]
     assert remedy in findings(facts)[name][1]
@@ -141,24 +141,24 @@ def test_fault_is_named_with_a_remedy(ill: str) -> None:
 
 def test_sweep_is_compared_with_the_time_between_scans() -> None:
     old_driver = replace(WELL, scans=(message(sweep=0.01),) * 15)
-    assert findings(old_driver) == {}  # the model says what is right
-    unnamed = under(old_driver, model=None, sweep=None)
+    assert findings(old_driver) == {}  # the model's sweep counts
+    unnamed = with_scan_keys(old_driver, model=None, sweep=None)
     assert findings(unnamed)["scan-sweep"][0] == (
         "its range scans state a sweep of 0.01 s, and come every 0.2 s"
     )
     assert "`model` or `sweep`" in findings(unnamed)["scan-sweep"][1]
-    wrong = under(WELL, sweep=-0.1)
+    wrong = with_scan_keys(WELL, sweep=-0.1)
     assert findings(wrong)["scan-sweep"][0] == (
         "the mission says that a sweep takes 0.1 s, but range scans come every 0.2 s"
     )
-    assert findings(under(WELL, model=None, sweep=None)) == {}
+    assert findings(with_scan_keys(WELL, model=None, sweep=None)) == {}
     half_turn = replace(WELL, scans=(message(sweep=0.1, turn=0.5),) * 15)
-    assert findings(under(half_turn, model=None, sweep=None)) == {}
+    assert findings(with_scan_keys(half_turn, model=None, sweep=None)) == {}
     silent = replace(WELL, scans=(message(sweep=0.0),) * 15)
-    assert findings(under(silent, model=None, sweep=None)) == {}
+    assert findings(with_scan_keys(silent, model=None, sweep=None)) == {}
 
 
-def test_fast_lds_02_is_well() -> None:
+def test_lds_02_at_10_hz_has_no_finding() -> None:
     mission = hexagon(robots=TRIANGLE, scan='model = "lds_02"')
     fast = replace(WELL, mission=mission, scan=stream(10.0), scans=(message(sweep=0.1),) * 30)
     assert findings(fast) == {}
@@ -182,7 +182,7 @@ def test_scans_of_every_driver_are_read(model: str) -> None:
     assert one.sweep == pytest.approx(360 / 2300 if model == "lds_02" else 0.2, rel=0.02)
 
 
-def test_only_landmarks_that_are_seen_count_as_seen() -> None:
+def test_sees_counts_only_landmarks_in_sight() -> None:
     status = sees(sight_lost=("robot3",))
     assert _sees(SEEING, status, "robot7", "robot2")
     assert not _sees(SEEING, status, "robot7", "robot3")

@@ -43,7 +43,7 @@ PAGES = [
 LINKED = sorted({*PAGES, *REFERENCE.glob("*.md"), ROOT / "docs" / "glossary.md"})
 
 
-def test_topic_table_is_the_one_in_the_code() -> None:
+def test_topic_table_of_docs_equals_code() -> None:
     topics = (ROOT / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
     table = re.search(r"<!-- topics: begin -->\n(.*)<!-- topics: end -->", topics, re.DOTALL)
     assert table is not None
@@ -72,7 +72,7 @@ def test_every_page_of_the_guide_is_in_the_index() -> None:
     assert not [page.name for page in GUIDE if f"(guide/{page.name})" not in index]
 
 
-def test_every_command_and_mission_it_names_exists() -> None:
+def test_pages_name_existing_commands_and_readme_names_missions() -> None:
     commands = set(re.findall(r"`formation ([a-z]+)", README))
     assert {"run", "check", "simulate", "order"} <= commands
     for page in PAGES:
@@ -89,17 +89,17 @@ def test_guide_describes_every_fault_of_a_rehearsal() -> None:
     page = (ROOT / "docs" / "guide" / "rehearsal.md").read_text(encoding="utf-8")
     described = re.findall(r"^\| `(\w+)` \| (robot|any) \| (.*) \|$", page, re.MULTILINE)
     kinds = {name: ("robot" if kind.robots_only else "any", kind.what) for name, kind in KINDS.items()}
-    assert {name: (whose, what) for name, whose, what in described} == kinds
+    assert {name: (robots, what) for name, robots, what in described} == kinds
 
 
-def test_the_router_line_of_the_guide_exports_nothing() -> None:
+def test_router_line_of_guide_exports_no_variable() -> None:
     guide = (ROOT / "docs" / "guide" / "real-robots.md").read_text(encoding="utf-8")
     (line,) = [line for line in guide.splitlines() if "ZENOH_CONFIG_OVERRIDE=" in line]
     assert line.endswith(" ros2 run rmw_zenoh_cpp rmw_zenohd")
     assert not line.startswith("export")
 
 
-def test_ci_runs_the_line_that_the_readme_gives_for_the_tests() -> None:
+def test_ci_runs_test_command_of_readme() -> None:
     (line,) = re.findall(r"^python3 deploy/env\.py pytest$", README, re.MULTILINE)
     assert line in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
 
@@ -109,7 +109,7 @@ COMPUTED = {
     "self._availability.state": {"unavailable", "follows"},
     "state": {"clear", "avoiding", "blocked"},
 }
-"""Kinds of events that stand as expressions in the code, by that expression."""
+"""Kinds of events that the code computes, by their expression."""
 DIMENSIONLESS = {"domain", "drift", "beams", "relative_noise", "lost", "scale"}
 
 
@@ -156,7 +156,7 @@ def event_kinds() -> Iterator[str]:
 OWN = {"formation", "agent", "leader", "monitor", "deploy"}
 ON_A_ROBOT = {"numpy", "pydantic", "pydantic_core", "zenoh"}
 BY_PYTEST = {"pytest"}
-"""Imported by the plugin alone, which only pytest loads."""
+"""Imported only by the plugin that pytest loads."""
 DISTRIBUTIONS = packages_distributions()
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -178,7 +178,7 @@ def test_every_imported_package_is_known() -> None:
 
 
 @pytest.mark.parametrize("package", sorted(ON_A_ROBOT | EXTRAS.keys()))
-def test_an_imported_package_is_a_declared_dependency(package: str) -> None:
+def test_imported_package_is_a_declared_dependency(package: str) -> None:
     extra = EXTRAS.get(package)
     lines = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
@@ -186,6 +186,6 @@ def test_an_imported_package_is_a_declared_dependency(package: str) -> None:
     assert declared & brought_by
 
 
-def test_a_desk_has_every_extra_but_those_for_special_tools() -> None:
+def test_desk_extra_includes_all_but_special_extras() -> None:
     (desk,) = map(Requirement, PROJECT["optional-dependencies"]["desk"])
     assert desk.extras == PROJECT["optional-dependencies"].keys() - {"desk", "foxglove", "physics", "dask"}

@@ -15,14 +15,14 @@ from tests.support.examples import slow
 from tests.support.missions import with_keys
 
 STAND_SECONDS = 0.5
-"""All robots stand within this after the driver's newest input, or what fails [s]."""
+"""Time after the driver's last input, or a failure, within which all robots stand [s]."""
 DESK = "operator's machine"
 FAILURES: dict[str, Callable[[RehearsedFleet], None]] = {
     "driver cut off": lambda fleet: fleet.cut([DESK], ["leader"]),
     "leader dies": lambda fleet: fleet.kill("leader"),
     "leader hangs": lambda fleet: fleet.freeze("leader"),
     "leader cut off": lambda fleet: fleet.cut(["leader"], fleet.mission.followers),
-    "agent of the robot in its place dies": lambda fleet: fleet.kill("robot1"),
+    "agent of the first robot dies": lambda fleet: fleet.kill("robot1"),
 }
 
 
@@ -40,7 +40,7 @@ def test_robots_follow_a_driven_leader(rehearsed_fleet: MakeRehearsed) -> None:
 
 
 @pytest.mark.parametrize("forward", [0.12, -0.08])
-def test_all_robots_stand_soon_after_letting_go(rehearsed_fleet: MakeRehearsed, forward: float) -> None:
+def test_all_robots_stand_soon_after_driver_lets_go(rehearsed_fleet: MakeRehearsed, forward: float) -> None:
     fleet = rehearsed_fleet("convoy", loss=0.05, delay=0.01)
     fleet.drive(forward, 0.05, seconds=4.0)
     fleet.run(STAND_SECONDS)
@@ -78,7 +78,7 @@ def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehears
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
 
 
-def test_letting_go_restores_no_trust_in_a_sensor(rehearsed_fleet: MakeRehearsed) -> None:
+def test_pauses_in_driving_restore_no_trust_in_frozen_sensor(rehearsed_fleet: MakeRehearsed) -> None:
     text = with_keys(read("turtlebot3_pair")[0], measurement="local")
     fleet = rehearsed_fleet(text, faults=["robot2:relative_frozen@8"], strict=False)
     fleet.run(2.0)

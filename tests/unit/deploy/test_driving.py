@@ -32,7 +32,7 @@ from formation.protocol.order import OperatorReply, OperatorRequest
 PATROL = load("patrol")
 
 
-def test_key_counts_for_a_moment() -> None:
+def test_key_press_expires_after_first_key_seconds() -> None:
     keys = Keys()
     keys.press("i", 1.0)
     assert keys.velocity(1.0 + 0.9 * FIRST_KEY_SECONDS) == Share(1.0, 0.0)
@@ -48,7 +48,7 @@ def test_held_key_ends_soon_after_release() -> None:
 
 
 @pytest.mark.parametrize("key", [" ", "k", "x", "q", "\x03"])
-def test_any_other_key_stops(key: str) -> None:
+def test_other_key_stops_and_q_or_ctrl_c_quits(key: str) -> None:
     keys = Keys()
     keys.press("i", 1.0)
     keys.press(key, 1.1)
@@ -56,7 +56,7 @@ def test_any_other_key_stops(key: str) -> None:
     assert keys.quits == (key in "q\x03")
 
 
-def test_arrows_that_come_together_are_told_apart() -> None:
+def test_last_of_two_arrows_in_one_read_counts() -> None:
     keys = Keys()
     keys.press("\x1b[A\x1b[D", 1.0)
     assert keys.velocity(1.0) == Share(0.0, 1.0)
@@ -66,7 +66,7 @@ def event(kind: int, number: int, value: int) -> bytes:
     return EVENT.pack(0, value, kind, number)
 
 
-def test_stick_counts_only_while_the_button_is_held() -> None:
+def test_stick_counts_only_while_dead_man_button_is_held() -> None:
     gamepad = Gamepad()
     gamepad.events(event(AXIS, FORWARD_AXIS, -32767))
     for pressed, velocity in ((0, RELEASED), (1, Share(1.0, 0.0)), (0, RELEASED)):
@@ -74,13 +74,13 @@ def test_stick_counts_only_while_the_button_is_held() -> None:
         assert gamepad.velocity(0.0) == velocity
 
 
-def test_button_held_since_before_must_be_pressed_anew() -> None:
+def test_button_held_at_start_must_be_pressed_again() -> None:
     gamepad = Gamepad()
     gamepad.events(event(BUTTON | INITIAL, DEAD_MAN_BUTTON, 1) + event(AXIS | INITIAL, FORWARD_AXIS, -32767))
     assert gamepad.velocity(0.0) == RELEASED
 
 
-def test_gamepad_that_goes_away_ends_the_drive() -> None:
+def test_unplugged_gamepad_gives_velocity_none() -> None:
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
     gamepad = Gamepad()
@@ -93,7 +93,7 @@ def test_gamepad_that_goes_away_ends_the_drive() -> None:
         assert gamepad.velocity(0.0) is None
 
 
-def test_keys_that_waited_are_not_pressed_now(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_buffered_for_seconds_are_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     master, slave = os.openpty()
     with os.fdopen(slave) as terminal:
         monkeypatch.setattr("sys.stdin", terminal)
@@ -108,7 +108,7 @@ def test_keys_that_waited_are_not_pressed_now(monkeypatch: pytest.MonkeyPatch) -
     os.close(master)
 
 
-def test_twist_counts_for_a_moment_and_is_limited() -> None:
+def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
     twists = Twists(0.2, 1.0)
     twists.take(0.1, -5.0, 1.0)
     assert twists.velocity(1.0) == Share(0.5, -1.0)
@@ -132,7 +132,7 @@ def test_driver_asks_all_candidates_until_one_leads() -> None:
     assert remote.request(0.1, 0.0, 2.0)[0] == ("leader/order", "deputy/order", "reserve/order")
 
 
-def test_driver_takes_another_leaders_token_though_it_is_less() -> None:
+def test_driver_accepts_smaller_token_only_from_another_leader() -> None:
     remote = Remote(PATROL, "driver-1")
     remote.answered([replied("leader", 900)], 1.0, 1.01)
     for replies, token in (([replied("leader", 800), b"{"], 900), ([replied("deputy", 5)], 5)):
@@ -140,7 +140,7 @@ def test_driver_takes_another_leaders_token_though_it_is_less() -> None:
         assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
 
 
-def test_state_tells_why_the_leader_does_not_obey() -> None:
+def test_state_names_reason_of_leader_refusal() -> None:
     remote = Remote(PATROL, "driver-1")
     assert remote.state.words(1.0) == "no leader answers"
     remote.answered([replied("leader", 1, reason="held: order run first")], 1.0, 1.01)

@@ -17,13 +17,13 @@ from formation.wire import BadMessage, Sample
 CONVOY = load("convoy")
 
 
-def test_goal_is_a_route_of_one_point() -> None:
+def test_goal_becomes_route_of_one_point() -> None:
     goal = Sample("goal_pose", encode(Pose(1.0, 2.0 + 1.0j, 1j)), None, 0.0)
     request = route(CONVOY, waypoints(goal, "/plan"), 0.1)
     assert (request.do, request.legs) == ("route", (Waypoints(waypoints=((2.0, 1.0),), speed=0.1),))
 
 
-def test_path_is_a_route_through_its_points() -> None:
+def test_long_path_becomes_route_with_limited_waypoints() -> None:
     points = tuple(cmath.rect(2.0, 0.01 * number) for number in range(700))
     found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
     assert len(found) <= MAX_WAYPOINTS + 1
@@ -31,13 +31,13 @@ def test_path_is_a_route_through_its_points() -> None:
     assert route(CONVOY, found, 0.1).legs is not None
 
 
-def test_empty_path_and_impossible_speed_are_refused() -> None:
+def test_empty_path_and_excessive_speed_are_refused() -> None:
     with pytest.raises(BadMessage, match="no points"):
         waypoints(Sample("plan", encode(Path(1.0, ())), None, 0.0), "/plan")
     with pytest.raises(ValueError, match="max_speed"):
         route(CONVOY, [1.0 + 0.0j], 5.0)
 
 
-def test_something_to_follow_must_be_named() -> None:
+def test_follow_refuses_call_without_goals_or_path() -> None:
     with pytest.raises(Refusal, match="--goals TOPIC"):
         follow.main(["convoy"])

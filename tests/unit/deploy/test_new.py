@@ -1,4 +1,4 @@
-"""`formation new`, as it is used."""
+"""`formation new`: its missions, output and refusals."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from tests.support.examples import slow
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
 SAMPLE = (7, *slow(3, 4, 16, 50))
-"""Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""
+"""Numbers of robots; `python -m tests.campaigns.safety missions` tries all."""
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize("robots", SAMPLE)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("profile", PROFILES)
-def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, profile: str) -> None:
+def test_new_mission_passes_check_and_converges(shape: str, robots: int, profile: str) -> None:
     mission = made(shape, robots, profile)
     by_chance = simulate(mission, runs=5)
     assert not list(faults(mission, by_chance))
@@ -43,7 +43,7 @@ def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, 
 
 
 @pytest.mark.parametrize("shape", ["wedge", *slow(*(one for one in SHAPES if one != "wedge"))])
-def test_a_mission_is_there_and_what_to_type_next_works(shape: str, capsys: Capsys) -> None:
+def test_printed_next_commands_work(shape: str, capsys: Capsys) -> None:
     out = output_of(capsys, ["new", shape, "--robots", "7", "--out", "it's mine.toml"])
     lines = [shlex.split(line) for line in out.splitlines() if line.startswith("  formation ")]
     assert [line[1:3] for line in lines] == [[do, "it's mine.toml"] for do in ("check", "simulate", "run")]
@@ -94,7 +94,7 @@ def test_existing_file_is_overwritten_only_with_force(capsys: Capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("requested", "says"),
+    ("requested", "message"),
     [
         ("star --robots 7", "line"),
         ("line", "--robots"),
@@ -111,13 +111,15 @@ def test_existing_file_is_overwritten_only_with_force(capsys: Capsys) -> None:
         ("line --robots 5 --out nowhere/mission.toml", "there is no folder nowhere"),
     ],
 )
-def test_impossible_request_is_refused_and_writes_nothing(requested: str, says: str, capsys: Capsys) -> None:
+def test_impossible_request_is_refused_and_writes_nothing(
+    requested: str, message: str, capsys: Capsys
+) -> None:
     err = refused(capsys, ["new", *requested.split()])
-    assert says in err.splitlines()[-1]
+    assert message in err.splitlines()[-1]
     assert not list(Path().iterdir())
 
 
-def test_a_machine_reads_what_was_written(capsys: Capsys) -> None:
+def test_json_output_describes_written_mission(capsys: Capsys) -> None:
     assert main(["new", "grid", "--robots", "12", "--json"]) == 0
     mission = load("grid_12.toml")
     assert mission.names == ("leader", *(f"robot{i}" for i in range(1, 13)))
@@ -127,7 +129,7 @@ def test_a_machine_reads_what_was_written(capsys: Capsys) -> None:
     }  # fmt: skip
 
 
-def test_the_help_names_every_shape_and_shows_how(capsys: Capsys) -> None:
+def test_help_names_every_shape_and_an_example(capsys: Capsys) -> None:
     result = output_of(capsys, ["new", "--help"])
     assert all(shape in result for shape in SHAPES)
     assert "formation new wedge --robots 7" in result

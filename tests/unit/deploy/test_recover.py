@@ -19,7 +19,7 @@ def cut(tmp_path: Path) -> Path:
     return path
 
 
-def test_it_says_what_there_is_until_when_and_what_is_lost(cut: Path, capsys: Capsys) -> None:
+def test_recover_writes_file_and_reports_loss(cut: Path, capsys: Capsys) -> None:
     result = output_of(capsys, ["recover", str(cut)])
     out = cut.with_name("run-recovered.mcap")
     assert out.exists()
@@ -30,7 +30,7 @@ def test_it_says_what_there_is_until_when_and_what_is_lost(cut: Path, capsys: Ca
     assert sorted(one.name for one in cut.parent.iterdir()) == ["run-recovered.mcap", "run.mcap"]
 
 
-def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: Capsys) -> None:
+def test_recover_json_reports_recovered_file_and_times(cut: Path, tmp_path: Path, capsys: Capsys) -> None:
     out = tmp_path / "elsewhere.mcap"
     assert main(["recover", str(cut), "-o", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -40,7 +40,7 @@ def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: Capsys) -> Non
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\1" * 500])
-def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, capsys: Capsys) -> None:
+def test_recover_refuses_file_that_is_no_recording(tmp_path: Path, content: bytes, capsys: Capsys) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     err = refused(capsys, ["recover", str(path)])
@@ -57,15 +57,13 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: by
         ("{cut} -o {cut}/x.mcap", "run.mcap is no folder"),
     ],
 )
-def test_what_is_not_there_or_is_in_the_way_is_refused(
+def test_recover_refuses_unreadable_input_and_blocked_output(
     arguments: str, why: str, cut: Path, capsys: Capsys
 ) -> None:
     assert why in refused(capsys, ["recover", *arguments.format(folder=cut.parent, cut=cut).split()])
 
 
-def test_where_it_takes_long_it_says_how_far_it_is(
-    cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
-) -> None:
+def test_recover_prints_progress(cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     monkeypatch.setattr(command, "PROGRESS_PERIOD", 0.0)
     assert main(["recover", str(cut)]) == 0
     result = capsys.readouterr().err.splitlines()

@@ -1,4 +1,4 @@
-"""The rehearsed fleet for users' tests."""
+"""`rehearsed_fleet`, the fixture for users' tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_fleet_settles_and_goes_on_without_killed_robot(rehearsed_fleet: MakeReh
     fleet.run_until_settled(within=30.0)
 
 
-def test_stop_stands_until_it_is_released(rehearsed_fleet: MakeRehearsed) -> None:
+def test_stop_lasts_over_agent_restart_until_released(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("six_robots", loss=0.1, faults=["robot3:frozen@4+3"])
     fleet.run(5.0)
     assert fleet.order("stop").obeyed
@@ -55,7 +55,7 @@ def test_illegal_order_is_refused_before_it_is_sent(rehearsed_fleet: MakeRehears
     assert fleet.now == 0.0
 
 
-def test_order_to_the_leader_turns_the_shape(rehearsed_fleet: MakeRehearsed) -> None:
+def test_rotate_order_turns_the_shape(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("turtlebot3_pair")
     fleet.run_until_settled()
     assert fleet.order("rotate", degrees=90.0).obeyed
@@ -93,13 +93,13 @@ def test_same_calls_give_the_same_run(rehearsed_fleet: MakeRehearsed) -> None:
     assert run(3) == run(3) != run(4)
 
 
-def test_mission_may_be_its_text(rehearsed_fleet: MakeRehearsed) -> None:
+def test_mission_can_be_given_as_text(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet(read("turtlebot3_pair")[0], law="proportional")
     assert fleet.mission.law.kind == "proportional"
 
 
 @pytest.mark.parametrize("strict", [True, False])
-def test_broken_rule_fails_the_test_unless_collected(rehearsed_fleet: MakeRehearsed, *, strict: bool) -> None:
+def test_broken_rule_raises_only_if_strict(rehearsed_fleet: MakeRehearsed, *, strict: bool) -> None:
     fleet = rehearsed_fleet("turtlebot3_pair", seed=8, strict=strict)
     fleet._fleet.engine.at(0.5, lambda: fleet._judge._tell("limits", "robot2", "9 m/s"))
     with (
@@ -111,7 +111,7 @@ def test_broken_rule_fails_the_test_unless_collected(rehearsed_fleet: MakeRehear
     assert [one.rule for one in fleet.violations] == ["limits"]
 
 
-def test_unsettled_fleet_says_error_bound_and_states(rehearsed_fleet: MakeRehearsed) -> None:
+def test_timeout_of_run_until_settled_reports_error_and_states(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("six_robots", seed=5)
     with pytest.raises(AssertionError, match=r"not settled within 1 s: error .* \(seed 5\); robot2: "):
         fleet.run_until_settled(within=1.0)

@@ -1,4 +1,4 @@
-"""`formation report`: what it refuses, writes and prints. The page itself is tested where it is made."""
+"""`formation report`: files, output and refusals. Other tests check the page itself."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "page", lambda *_: f"{report.GENERATOR.decode()}</html>")
 
 
-def test_the_page_stands_beside_the_recording_and_stdout_is_json(recording: Path, capsys: Capsys) -> None:
+def test_page_is_written_beside_recording_and_json_to_stdout(recording: Path, capsys: Capsys) -> None:
     assert main(["report", str(recording), "--json"]) == 0
     out, words = capsys.readouterr()
     result = json.loads(out)
@@ -38,15 +38,13 @@ def test_the_page_stands_beside_the_recording_and_stdout_is_json(recording: Path
     assert run["converged"] is True
     assert run["robots"]["robot2"]["error_rms"] > 0.0
     text = recording.with_suffix(".html").read_text(encoding="utf-8")
-    assert "six-robots, field law: no problem found" in text  # what check says
+    assert "six-robots, field law: no problem found" in text  # as `formation check` prints
     assert f"{run['settling_time']:.2f} s" in text
     assert "Converged" in words
 
 
 @pytest.mark.slow
-def test_figures_are_written_in_the_formats_that_are_asked_for(
-    recording: Path, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_figures_are_written_in_requested_format(recording: Path, tmp_path: Path, capsys: Capsys) -> None:
     flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "pdf", "--json"]
     assert main(["report", str(recording), *flags]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -55,7 +53,7 @@ def test_figures_are_written_in_the_formats_that_are_asked_for(
 
 
 @pytest.mark.slow
-def test_two_recordings_are_compared_and_their_figures_kept_apart(
+def test_two_recordings_are_compared_with_figures_in_separate_folders(
     recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     record(tmp_path / "other.mcap", talk(Fleet(away=coming_in), 6.0), law="paper")
@@ -66,7 +64,7 @@ def test_two_recordings_are_compared_and_their_figures_kept_apart(
     assert {path.name for path in (tmp_path / "f").iterdir()} == {"a", "b", "overlay.svg"}
 
 
-def test_a_cut_recording_is_reported_and_said_to_be_cut(
+def test_cut_recording_is_reported_as_cut(
     recording: Path, tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
@@ -97,7 +95,7 @@ def test_a_cut_recording_is_reported_and_said_to_be_cut(
     ],
 )
 @pytest.mark.usefixtures("plain_page")
-def test_what_cannot_be_reported_is_refused_in_a_line(
+def test_illegal_files_and_flags_are_refused_without_changes(
     flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     names = {"run": "run.mcap", "text": "text.txt", "mission": "wedge_5.toml", "other": "home.html"}
@@ -114,7 +112,7 @@ def test_what_cannot_be_reported_is_refused_in_a_line(
 
 
 @pytest.mark.usefixtures("plain_page")
-def test_a_report_takes_the_place_of_an_older_one(recording: Path, tmp_path: Path) -> None:
+def test_report_overwrites_older_report(recording: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.touch()
     for _ in range(2):

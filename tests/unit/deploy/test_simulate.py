@@ -1,4 +1,4 @@
-"""`formation simulate`: what it passes on, refuses and prints. The loop itself is tested where it lives."""
+"""`formation simulate`: options, output and refusals. Other tests check the simulation itself."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def simulated(capsys: Capsys, *arguments: str) -> tuple[str, dict[str, Any]]:
     return words, json.loads(out)
 
 
-def test_the_json_has_every_figure(capsys: Capsys) -> None:
+def test_json_has_every_figure(capsys: Capsys) -> None:
     _, result = simulated(capsys, "--runs", "20", "--spread", "0.2", "--seed", "3")
     assert result["mission"] == "turtlebot3-pair"
     assert (result["runs"], result["seed"], result["law"]) == (20, 3, "field")
@@ -41,7 +41,7 @@ def test_the_json_has_every_figure(capsys: Capsys) -> None:
     assert result["robot_steps_per_second"] > 0.0
 
 
-def test_without_numba_it_says_once_how_to_be_faster(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
+def test_missing_numba_prints_install_advice_once(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     monkeypatch.setattr("formation.deploy.terminal.bar.AVAILABLE", False)
     words, _ = simulated(capsys, "--horizon", "1")
     assert words.count("pip install '.[simulate]' in a clone") == 1
@@ -74,7 +74,7 @@ TURNING = ("duration", "turning = true\nduration")
         (((ENDLESS, ROUND), TURNING), ["turning"]),
     ],
 )
-def test_what_the_mission_has_and_this_does_not_is_named(
+def test_left_out_names_unsimulated_mission_features(
     changes: tuple[tuple[str, str], ...], named: list[str]
 ) -> None:
     text = read("turtlebot3_pair")[0]
@@ -84,7 +84,7 @@ def test_what_the_mission_has_and_this_does_not_is_named(
     assert simulate.left_out(parse(text, "mission.toml")) == named
 
 
-def test_without_avoidance_touching_is_not_examined(tmp_path: Path, capsys: Capsys) -> None:
+def test_touching_is_not_examined_with_collisions_off(tmp_path: Path, capsys: Capsys) -> None:
     text = read("turtlebot3_pair")[0].replace("[collisions]", '[collisions]\nmode = "off"')
     (tmp_path / "off.toml").write_text(text)
     assert main(["simulate", str(tmp_path / "off.toml"), *SHORT, "--json"]) == 0
@@ -107,7 +107,7 @@ def test_single_run_uses_mission_starts_many_use_seed(capsys: Capsys) -> None:
 
 
 @pytest.mark.slow
-def test_report_says_that_the_printed_law_avoids_none(capsys: Capsys) -> None:
+def test_report_states_that_paper_law_does_not_avoid(capsys: Capsys) -> None:
     text, result = simulated(capsys, "--runs", "20", "--seed", "1", "--law", "paper")
     assert f"bodies           touch in {result['touched']} of 20 runs" in text
     assert "; robots do not avoid each other" in text
@@ -125,7 +125,7 @@ def test_report_states_touching_and_avoidance(capsys: Capsys) -> None:
 
 
 @pytest.mark.slow
-def test_the_proportional_law_is_simulated_by_name(capsys: Capsys) -> None:
+def test_law_flag_simulates_proportional_law(capsys: Capsys) -> None:
     text, result = simulated(capsys, "--law", "proportional")
     assert "proportional law" in text
     assert (result["law"], result["converged_fraction"]) == ("proportional", 1.0)
@@ -139,7 +139,7 @@ def test_runs_that_do_not_fit_into_memory_are_refused(
     assert err == "formation: --runs 5000: more than fits into memory; take fewer\n"
 
 
-def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_delay_loss_noise_and_quantised_flags_reach_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     called = Mock(side_effect=KeyboardInterrupt)
     monkeypatch.setattr(simulate, "simulate", called)
     flags = ["--delay", "0.1", "--loss", "0.2", "--noise", "0.003", "--quantised", "--law", "paper"]
@@ -168,11 +168,11 @@ def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--law", "best"], "choose from"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_by_name(flags: list[str], named: str, capsys: Capsys) -> None:
+def test_illegal_flags_are_refused_with_reason(flags: list[str], named: str, capsys: Capsys) -> None:
     assert named in refused(capsys, ["simulate", "turtlebot3_pair", *flags])
 
 
-def test_a_plot_is_written(tmp_path: Path, capsys: Capsys) -> None:
+def test_plot_flag_writes_figure(tmp_path: Path, capsys: Capsys) -> None:
     figure = tmp_path / "figure.png"
     text, result = simulated(capsys, "--plot", str(figure))
     assert figure.read_bytes().startswith(b"\x89PNG")
@@ -182,7 +182,7 @@ def test_a_plot_is_written(tmp_path: Path, capsys: Capsys) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["field", "paper"])
-def test_committed_figures_are_what_the_command_draws(law: str, tmp_path: Path, capsys: Capsys) -> None:
+def test_committed_figures_equal_figures_of_command(law: str, tmp_path: Path, capsys: Capsys) -> None:
     """Compare pixels: the fonts are matplotlib's own, and the tolerance covers other rounding of edges."""
     fresh = tmp_path / "figure.png"
     output_of(capsys, ["simulate", "six_robots", "--law", law, "--plot", str(fresh)])

@@ -1,4 +1,4 @@
-"""`formation replay FILE --verify`: what it says of a recording, and its exit codes."""
+"""`formation replay FILE --verify`: output and exit codes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PAIR = load("turtlebot3_pair")
 
 
 @cache
-def a_run(law: str | None = None) -> Recording:
+def recorded_run(law: str | None = None) -> Recording:
     fleet = RecordedFleet(PAIR, law=law)
     fleet.run(8.0)
     return fleet.record
@@ -41,7 +41,7 @@ def written(path: Path, record: Recording, text: str = TEXT, law: str = "field")
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("run") / "run.mcap", a_run())
+    return written(tmp_path_factory.mktemp("run") / "run.mcap", recorded_run())
 
 
 def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") -> Path:
@@ -52,34 +52,34 @@ def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") 
 
 
 def verified(capsys: Capsys, path: Path, *flags: str) -> tuple[int, str, dict[str, Any]]:
-    """Exit code, words and JSON of a verification."""
+    """Exit code, text and JSON of a verification."""
     code = verify.main([str(path), "--verify", "--json", *flags])
     out, words = capsys.readouterr()
     return code, words, json.loads(out)
 
 
-def without(name: str, since: float, until: float) -> Recording:
-    """The run without the messages on `name` that came in some seconds of it."""
-    start = a_run()[0][1]
-    return [(one, wall) for one, wall in a_run() if one.key != name or not since < wall - start < until]
+def run_without(name: str, since: float, until: float) -> Recording:
+    """The run without the messages on `name` received between `since` and `until` [s]."""
+    start = recorded_run()[0][1]
+    return [
+        (one, wall) for one, wall in recorded_run() if one.key != name or not since < wall - start < until
+    ]
 
 
-def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: Capsys) -> None:
+def test_recording_of_same_code_verifies_exactly(file: Path, capsys: Capsys) -> None:
     assert replay.main([str(file), "--verify"]) == 0
     capsys.readouterr()
     code, text, result = verified(capsys, file)
     assert code == 0
     assert text.count("equal to the last bit") == 2
     assert f"no difference in {result['compared']} commands" in text
-    commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in a_run())
+    commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in recorded_run())
     assert result["compared"] == result["exact"] == commands
     assert (result["differing"], result["first"], result["notes"]) == (0, None, [])
     assert [one["not_judged"] for one in result["robots"].values()] == [[], []]
 
 
-def test_with_another_gain_the_first_command_that_differs_is_named(
-    file: Path, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_other_gain_reports_first_differing_command(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     code, text, result = verified(capsys, file, "--mission", str(with_gain(tmp_path)))
     assert code == 1
     first = result["first"]
@@ -91,7 +91,7 @@ def test_with_another_gain_the_first_command_that_differs_is_named(
     assert result["differing"] == sum(one["differing"] for one in result["robots"].values()) > 10
 
 
-def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: Capsys) -> None:
+def test_differences_within_tolerance_pass(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     mission = with_gain(tmp_path, "[law]", "[law]\ngain = 2.501")
     arguments = [str(file), "--verify", "--mission", str(mission)]
     assert verify.main([*arguments, "--tolerance", "0"]) == 1
@@ -99,15 +99,15 @@ def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: Capsys) ->
     assert capsys.readouterr().out.count("the rest off by") == 2
 
 
-def test_under_the_law_that_was_used_and_under_another(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "paper.mcap", a_run("paper"), law="paper")
+def test_law_flag_overrides_recorded_law(tmp_path: Path, capsys: Capsys) -> None:
+    path = written(tmp_path / "paper.mcap", recorded_run("paper"), law="paper")
     assert verify.main([str(path), "--verify"]) == 0
     assert "note" not in capsys.readouterr().out
     assert verify.main([str(path), "--verify", "--law", "field"]) == 1
 
 
-def test_what_could_not_be_judged_is_told_with_its_reason(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "lossy.mcap", without(POSITION.key("leader"), 1.0, 1.1))
+def test_unjudged_commands_are_reported_with_reason(tmp_path: Path, capsys: Capsys) -> None:
+    path = written(tmp_path / "lossy.mcap", run_without(POSITION.key("leader"), 1.0, 1.1))
     code, text, result = verified(capsys, path, "--min-compared", "0.3")
     assert code == 0
     (stretch,) = result["robots"]["robot1"]["not_judged"]
@@ -116,7 +116,7 @@ def test_what_could_not_be_judged_is_told_with_its_reason(tmp_path: Path, capsys
     assert f"not judged: {stretch['commands']} commands, 1." in text
 
 
-def test_a_cut_recording_is_verified_as_far_as_it_goes(file: Path, tmp_path: Path, capsys: Capsys) -> None:
+def test_cut_recording_is_verified_to_its_end(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     path = tmp_path / "cut.mcap"
     path.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     code, text, result = verified(capsys, path)
@@ -125,13 +125,13 @@ def test_a_cut_recording_is_verified_as_far_as_it_goes(file: Path, tmp_path: Pat
     assert code == (2 if not result["compared"] else 0 if enough else verify.EXIT_TOO_FEW)
 
 
-def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
-    key, begin = CMD_VEL.key("robot1"), a_run()[0][1]
-    later = [i for i, (sample, wall) in enumerate(a_run()) if sample.key == key and wall > begin + 2.0]
+def test_too_few_compared_commands_give_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
+    key, begin = CMD_VEL.key("robot1"), recorded_run()[0][1]
+    later = [i for i, (sample, wall) in enumerate(recorded_run()) if sample.key == key and wall > begin + 2.0]
     lost = set(later[: len(later) // 2])
     record = [
         (sample._replace(attachment=None) if i in lost else sample, wall)
-        for i, (sample, wall) in enumerate(a_run())
+        for i, (sample, wall) in enumerate(recorded_run())
     ]
     path = written(tmp_path / "few.mcap", record)
     code, text, result = verified(capsys, path)
@@ -142,21 +142,23 @@ def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys)
     assert verified(capsys, path, "--min-compared", f"{result['least_share']:.3f}")[0] == 0
 
 
-def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
+def test_uncompared_robot_gives_no_verdict(tmp_path: Path) -> None:
     key = CMD_VEL.key("robot1")
-    record = [(one._replace(attachment=None) if one.key == key else one, wall) for one, wall in a_run()]
+    record = [
+        (one._replace(attachment=None) if one.key == key else one, wall) for one, wall in recorded_run()
+    ]
     assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.EXIT_TOO_FEW
 
 
-def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "silent.mcap", without(CMD_VEL.key("robot1"), -1.0, math.inf))
+def test_robot_without_commands_gives_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
+    path = written(tmp_path / "silent.mcap", run_without(CMD_VEL.key("robot1"), -1.0, math.inf))
     assert verify.main([str(path), "--verify"]) == verify.EXIT_TOO_FEW
     assert "no verdict: no command of robot1 in the recording" in capsys.readouterr().out
     assert verify.main([str(path), "--verify", "--min-compared", "0"]) == 0
 
 
 def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "gap.mcap", without(CMD_VEL.key("robot1"), 2.0, 4.0))
+    path = written(tmp_path / "gap.mcap", run_without(CMD_VEL.key("robot1"), 2.0, 4.0))
     code, _, result = verified(capsys, path)
     assert code == verify.EXIT_TOO_FEW
     robot = result["robots"]["robot1"]
@@ -164,9 +166,9 @@ def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
     assert robot["share"] < robot["compared"] / robot["commands"]
 
 
-def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: Capsys) -> None:
-    begin = a_run()[0][1]
-    late = [(sample, wall) for sample, wall in a_run() if wall > begin + 1.0]
+def test_commands_before_first_traced_state_do_not_count(tmp_path: Path, capsys: Capsys) -> None:
+    begin = recorded_run()[0][1]
+    late = [(sample, wall) for sample, wall in recorded_run() if wall > begin + 1.0]
     code, text, result = verified(capsys, written(tmp_path / "late.mcap", late))
     assert code == 0
     for one in result["robots"].values():
@@ -176,13 +178,13 @@ def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: C
 
 
 def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "other.mcap", a_run(), TEXT.replace("[law]", "[law]\ngain = 2.1"))
+    path = written(tmp_path / "other.mcap", recorded_run(), TEXT.replace("[law]", "[law]\ngain = 2.1"))
     assert verify.main([str(path), "--verify"]) == 1
     assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
 
 
-def test_a_recording_without_traces_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
-    record = [(sample._replace(attachment=None), wall) for sample, wall in a_run()]
+def test_recording_without_traces_exits_with_2(tmp_path: Path, capsys: Capsys) -> None:
+    record = [(sample._replace(attachment=None), wall) for sample, wall in recorded_run()]
     path = written(tmp_path / "old.mcap", record)
     assert verify.main([str(path), "--verify"]) == 2
     text = capsys.readouterr().out
@@ -190,7 +192,7 @@ def test_a_recording_without_traces_is_nothing_to_compare(tmp_path: Path, capsys
     assert "nothing could be compared" in text
 
 
-def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
+def test_empty_recording_exits_with_2(tmp_path: Path, capsys: Capsys) -> None:
     assert verify.main([str(written(tmp_path / "empty.mcap", [])), "--verify"]) == 2
     assert capsys.readouterr().out.count("no command in the recording") == 2
 
@@ -204,12 +206,12 @@ def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: Capsys
         ("run.mcap", ("--mission", "bad.toml"), r"bad\.toml"),
     ],
 )
-def test_what_is_no_recording_or_mission_is_refused(
+def test_unreadable_recording_or_mission_is_refused(
     file: str, flags: Sequence[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_bytes(b"rubbish" * 1000)
-    written(Path("run.mcap"), a_run()[:100])
+    written(Path("run.mcap"), recorded_run()[:100])
     with pytest.raises(Refusal, match=why):
         verify.main([file, "--verify", *flags])
 

@@ -1,4 +1,4 @@
-"""The same messages by rosbags: another implementation, which ours is held against."""
+"""Messages written and read by rosbags, an independent implementation to compare ours with."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ZEROS = np.zeros(36)
 
 
 def make(name: str, *values: Any) -> Any:
-    """A part of a message, by its type's name."""
+    """Make a message, or a part of one, by the name of its type."""
     return STORE.types[name](*values)
 
 
@@ -92,7 +92,7 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
         np.array([], np.float32),
     ),
 }
-"""What rosbags takes for each class."""
+"""Arguments of the rosbags type for each class."""
 
 
 def written(message: Message, *, little_endian: bool = True) -> bytes:
@@ -101,9 +101,9 @@ def written(message: Message, *, little_endian: bool = True) -> bytes:
 
 
 def read(cls: type[Any], payload: bytes) -> tuple[Any, ...] | None:
-    """The fields of the message in `payload`, as numbers and texts; None if rosbags refuses it.
+    """Return the fields of the message in `payload`, as numbers and texts; None if rosbags refuses it.
 
-    And for what we refuse before we look at fields.
+    None, too, for payloads that our decoder refuses before it reads fields.
     """
     if len(payload) > MAX_PAYLOAD_BYTES or len(payload) <= 4 or payload[2] or payload[3] > MAX_PADDING_BYTES:
         return None
@@ -127,7 +127,7 @@ def _text(raw: str) -> str:
 
 
 def _headed(raw: Any, *values: Any) -> tuple[Any, ...]:
-    """Values between the stamp and the frame of a header."""
+    """Return the header's stamp, `values`, and the header's frame."""
     return _stamp(raw.header.stamp), *values, _text(raw.header.frame_id)
 
 

@@ -1,4 +1,4 @@
-"""One message of each class, for the tests that need them all."""
+"""One example message of each class."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ CLASSES: tuple[type[Any], ...] = tuple(type(example) for example in EXAMPLES)
 
 
 def read(like: Message, payload: bytes) -> Message:
-    """The message of the same class as `like` in `payload`."""
+    """Decode `payload` as a message of the same class as `like`."""
     cls: type[Any] = type(like)
     message: Message = decode(cls, payload)
     return message
 
 
 def same(a: Message, b: Message) -> bool:
-    """Equal, but for the last bits of a heading, which travels as a quaternion."""
+    """Whether two messages are equal, up to rounding of the heading, which is sent as a quaternion."""
     names = vars(type(a))["__dataclass_fields__"]
     return type(a) is type(b) and all(
         abs(getattr(a, name) - getattr(b, name)) < 1e-15

@@ -1,7 +1,7 @@
-"""The paper's equations once more, literally: vectors in R², 2×2 matrices, one robot, no complex numbers.
+"""The paper's equations for one robot, literally: vectors in R² and 2×2 matrices, no complex numbers.
 
-An oracle for tests. Erratum 1 is mended (Eq. (3) with -k u ζ̂), z_ij is of control points, and χ(0) = 0.
-Nothing here is shared with the product.
+The reference of the tests; it imports nothing of the product. Erratum 1 is corrected (Eq. (3) with
+-k u ζ̂), z_ij is of control points, and χ(0) = 0.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What hypothesis draws for the mathematics: vectors, headings, gains, limits."""
+"""Strategies of hypothesis for vectors, angles, headings, lengths and gains."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ gains = st.floats(0.05, 5.0)
 
 
 def pair(vector: complex) -> NDArray[np.float64]:
-    """The same vector in R²."""
+    """Return the vector as an array in R²."""
     return np.array([vector.real, vector.imag])

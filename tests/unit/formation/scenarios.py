@@ -1,4 +1,4 @@
-"""Missions that tests and benchmarks build in code: theory's scenarios, rings, chains and random graphs."""
+"""Missions built in code for tests and benchmarks: the paper's scenarios, rings, chains, random graphs."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi /
     [0.5, 0, 0]
 )
 TWO_AHEAD = ((), (0,), (0, 1), (1, 2), (2, 3), (3, 4))
-"""Six robots, each measuring the two before it."""
+"""Neighbours of six robots: each measures the two before it."""
 STRAIGHT_ON = {"speed": 0.2, "heading_deg": 30.0}
 SHORT_OFFSET = {"control_point_offset": 0.05, "max_turn_rate": 2.84}
 IDEAL = Options(body=Body(), avoid=False)
-"""Bodies as certificates assume them, without collision filter."""
+"""Ideal bodies, as certificates assume them, and no collision filter."""
 
 
 def build(
@@ -31,10 +31,9 @@ def build(
     route: dict[str, Any] | None = None,
     **tables: Any,
 ) -> Mission:
-    """A mission of robots robot1 (the leader), robot2, … that start in their slots; `tables` as in a file.
+    """Build a mission of robot1 (the leader), robot2, …, which start in their slots; `tables` as in a file.
 
-    They are points that do at once what they are told, as in theory: without collision filter and without
-    ramp, unless `tables` say otherwise.
+    Robots are ideal, as in theory: no collision filter and no ramp, unless `tables` set them.
     """
     places = {f"robot{number}": slot for number, slot in enumerate(slots.tolist(), start=1)}
     names = list(places)
@@ -56,7 +55,7 @@ def build(
 
 
 def random_neighbours(rng: np.random.Generator, count: int) -> list[list[int]]:
-    """For each of `count` robots one or two of those before it; none for the leader."""
+    """Draw one or two earlier robots as neighbours of each of `count` robots; none for the leader."""
     return [sorted(set(rng.integers(0, one, min(one, 2)).tolist())) if one else [] for one in range(count)]
 
 
@@ -78,7 +77,7 @@ def edge_errors(mission: Mission, horizon: float = 60.0, step: float = 0.05) -> 
 
 
 def clearing(mission: Mission, avoid: object = "all", **collisions: Any) -> Mission:
-    """The same with collision filter and ramp; followers avoid those they `avoid`, and their neighbours."""
+    """The mission with collision filter and ramp; followers avoid `avoid` and their neighbours."""
     output = mission.model_dump()
     for name in mission.followers:
         output["robots"][name].update(avoid=avoid, ramp=0.25)
@@ -86,13 +85,13 @@ def clearing(mission: Mission, avoid: object = "all", **collisions: Any) -> Miss
 
 
 def ramped(mission: Mission, ramp: float) -> Mission:
-    """The same with commands that take `ramp` [s] from rest to a limit; 0 for at once."""
+    """The mission with a ramp of `ramp` [s] from rest to a limit; 0 for none."""
     robots = {name: one.model_copy(update={"ramp": ramp}) for name, one in mission.robots.items()}
     return mission.model_copy(update={"robots": robots})
 
 
 def exchanged(mission: Mission, avoid: object = "all", **collisions: Any) -> Mission:
-    """The same, besides, with followers that start in each other's slots, the first in the last's."""
+    """The mission of `clearing` with followers that start in each other's slots, in reverse order."""
     output = clearing(mission, avoid, **collisions).model_dump()
     places = [mission.slot(name) for name in reversed(mission.followers)]
     for name, place in zip(mission.followers, places, strict=True):
@@ -124,7 +123,7 @@ def pair(**law: Any) -> Mission:
 
 
 def near_limit(max_turn_rate: float = 1.5, **law: Any) -> Mission:
-    """The six robots, hardly faster than their leader."""
+    """The six robots with a top speed just above their leader's speed."""
     return build(
         HEXAGON,
         TWO_AHEAD,
@@ -135,7 +134,7 @@ def near_limit(max_turn_rate: float = 1.5, **law: Any) -> Mission:
 
 
 def chain(followers: int, route: dict[str, Any], robot: dict[str, Any], spread: float, **law: Any) -> Mission:
-    """One behind the other, each measuring the one before."""
+    """A chain: each follower is behind the robot that it measures."""
     return build(
         (-0.5 * np.arange(followers + 1)).astype(np.complex128),
         ((), *((i,) for i in range(followers))),
@@ -147,24 +146,24 @@ def chain(followers: int, route: dict[str, Any], robot: dict[str, Any], spread: 
 
 
 def long_chain(followers: int, **law: Any) -> Mission:
-    """A chain behind a leader at 0.15 m/s, robots that reach 0.22 m/s."""
+    """A chain of robots with a top speed of 0.22 m/s behind a leader at 0.15 m/s."""
     return chain(followers, {"speed": 0.15, "heading_deg": 30.0}, {}, 1.0, **{"k_i": 0.5, **law})
 
 
 def circling_chain(**law: Any) -> Mission:
-    """Eleven in a chain behind a leader on a circle of 1 m at 0.1 m/s; all start in their slots."""
+    """A chain of eleven followers behind a leader on a circle of 1 m at 0.1 m/s; all start in their slots."""
     circle = {"radius": 1.0, "speed": 0.1, "heading_deg": 90.0}
     return chain(11, circle, SHORT_OFFSET, 0.0, **{"k_i": 0.2, **law})
 
 
 def straight_chain(**law: Any) -> Mission:
-    """The same behind a straight leader at 0.1 m/s."""
+    """The chain of `circling_chain` behind a leader that drives straight at 0.1 m/s."""
     straight = {"speed": 0.1, "heading_deg": 0.0}
     return chain(11, straight, SHORT_OFFSET, 0.0, **{"k_i": 0.2, **law})
 
 
 def ring(followers: int, **law: Any) -> Mission:
-    """Followers around a circle, each measuring the one before; the first measures the leader too."""
+    """Followers on a circle: each measures the one before it, and the first measures the leader too."""
     around = np.exp(2j * np.pi * np.arange(followers) / followers)
     return build(
         np.concatenate([[0.0], around]),

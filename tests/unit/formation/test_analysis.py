@@ -25,7 +25,7 @@ KEYS = {
 
 
 def state_matrix(graph: Graph, k_p: float, k_i: float) -> np.ndarray[Any, Any]:
-    """Of Eq. (11) without saturation: d[δ, ξ] = [[-k_P L, -k_I], [L, 0]] [δ, ξ]; shape (2(n-1), 2(n-1))."""
+    """Matrix of Eq. (11), unsaturated: d[δ, ξ] = [[-k_P L, -k_I], [L, 0]] [δ, ξ]; shape (2(n-1), 2(n-1))."""
     among = Edges(graph).follower_laplacian()
     return np.block([[-k_p * among, -k_i * np.eye(len(among))], [among, np.zeros_like(among)]])
 
@@ -35,7 +35,7 @@ def random_graph(rng: np.random.Generator) -> Graph:
     neighbours: list[tuple[int, ...]] = [()]
     for i in range(1, size):
         others = np.flatnonzero(rng.random(size) < rng.choice([0.02, 0.06, 0.2]))
-        # a ring with one way in is what turns eigenvalues complex
+        # a ring with one entry has complex eigenvalues
         behind = size - 1 if i == 1 else i - 1
         neighbours.append(tuple(sorted({*others.tolist(), behind, 0 if i == 1 else behind} - {i})))
     return Graph(tuple(neighbours))
@@ -51,7 +51,7 @@ def test_closed_form_stability_matches_eigenvalues_on_random_graphs() -> None:
         assert verdicts[-1] == (numerically.real.max() < 0.0)
         poles = spectrum.poles(mu, k_p, k_i)
         assert poles.real.max() == pytest.approx(numerically.real.max(), abs=1e-4)
-    assert 20 < sum(verdicts) < 180  # both verdicts were put to the test
+    assert 20 < sum(verdicts) < 180  # both verdicts occur often
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
@@ -59,14 +59,14 @@ def test_ring_of_twelve_is_unstable_and_ten_stable() -> None:
     twelve, ten = (analyse(scenarios.ring(size), law="paper") for size in (12, 10))
     assert (twelve.stable, twelve.ok, ten.stable, ten.ok) == (False, False, True, True)
     assert (twelve.slowest_mode, ten.slowest_mode) == pytest.approx((0.032, -0.070), abs=1e-3)
-    # the largest integral gain that the problem names is the largest
+    # the bound that the problem names is the greatest stable k_i
     bound = float(twelve.problems[0].split("k_i must be below ")[1].split()[0])
     mu = spectrum.laplacian(scenarios.ring(12).graph)
     assert spectrum.stable(mu, 2.0, 0.99 * bound)
     assert not spectrum.stable(mu, 2.0, 1.01 * bound)
 
 
-def test_poles_solve_their_equation_and_come_in_twos() -> None:
+def test_poles_solve_their_equation_two_per_eigenvalue() -> None:
     mu = spectrum.laplacian(scenarios.ring(9).graph)
     poles = spectrum.poles(mu, 1.5, 0.7)
     twice = np.concatenate([mu, mu])
@@ -74,7 +74,7 @@ def test_poles_solve_their_equation_and_come_in_twos() -> None:
     assert spectrum.poles(mu, 1.5, 0.0) == pytest.approx(-1.5 * mu)
 
 
-def test_robots_outside_every_cycle_add_their_degree_to_the_eigenvalues() -> None:
+def test_robot_outside_cycles_contributes_its_degree_as_eigenvalue() -> None:
     chain = scenarios.long_chain(50).graph
     assert cyclic_core(chain) == ()
     assert spectrum.laplacian(chain).tolist() == [1.0] * 50
@@ -85,7 +85,7 @@ def test_robots_outside_every_cycle_add_their_degree_to_the_eigenvalues() -> Non
     assert np.sort(spectrum.laplacian(mixed).real) == pytest.approx(np.sort(dense.real))
 
 
-def test_the_delay_margin_of_one_follower_is_the_formula_of_theory() -> None:
+def test_delay_margin_of_one_follower_matches_theory() -> None:
     k_p, k_i = 2.0, 1.0
     omega = math.sqrt((k_p**2 + math.sqrt(k_p**4 + 4.0 * k_i**2)) / 2.0)
     margin = spectrum.delay_margin(np.array([1.0 + 0j]), k_p, k_i)
@@ -93,7 +93,7 @@ def test_the_delay_margin_of_one_follower_is_the_formula_of_theory() -> None:
 
 
 def oscillates(graph: Graph, k_p: float, k_i: float, delay: float) -> bool:
-    """Whether the PI loop with its whole measurement late grows, by stepping the delay equation."""
+    """Whether the PI loop with a delayed measurement grows, by stepping the delay equation."""
     dt = delay / 40.0
     among = Edges(graph).follower_laplacian()
     late = [np.linspace(1.0, 0.5, len(among))] * 41
@@ -122,13 +122,13 @@ def test_amplification_grows_from_first_hop_to_tenth() -> None:
     assert np.all(np.diff(peaks) > 0.0)
 
 
-def test_feed_forward_leaves_little_to_amplify() -> None:
+def test_feed_forward_cuts_peak_amplification_below_a_quarter() -> None:
     graph = scenarios.six().graph
     without, fed = (spectrum.amplification(graph, 2.0, 1.0, share) for share in (None, 0.1))
     assert fed.max() < 0.25 * without.max()
 
 
-def test_both_ways_to_solve_for_the_amplification_agree() -> None:
+def test_acyclic_and_cyclic_amplification_solvers_agree() -> None:
     graph = scenarios.six().graph
     s = np.array(1j * np.logspace(-2.0, 1.0, 9), dtype=np.complex128)
     control, forward = 2.0 + 1.0 / s, 1.0 / (1.0 + 0.1 * s)
@@ -138,8 +138,8 @@ def test_both_ways_to_solve_for_the_amplification_agree() -> None:
         assert one == pytest.approx(other, abs=1e-12)
 
 
-def test_the_amplification_is_what_an_oscillating_leader_does_to_the_chain() -> None:
-    """Stepping the linear loop of Eq. (7) at one frequency never errs more than the peak says."""
+def test_oscillating_leader_causes_at_most_the_amplification_peak() -> None:
+    """Steps the linear loop of Eq. (7) at one frequency."""
     graph = scenarios.long_chain(4).graph
     among, omega, dt = Edges(graph).follower_laplacian(), 1.0, 1e-3
     away, integral, worst = np.zeros(4), np.zeros(4), np.zeros(4)
@@ -162,14 +162,14 @@ def test_predicted_settling_time_is_near_that_of_random_starts(name: str, law: s
     predicted = analyse(mission, law).settling_time_estimate
     median = simulate(mission, runs=30, law=law, horizon=80.0).summary()["settling_time"]["median"]
     assert predicted is not None
-    assert 0.4 < predicted / median < 2.0  # the own starts of convoy are nearer than random ones
+    assert 0.4 < predicted / median < 2.0  # convoy's own starts are nearer to the slots than random ones
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
 @pytest.mark.parametrize(
     ("mission", "stable"), [(load("six_robots"), True), (scenarios.ring(12).under("paper"), False)]
 )
-def test_the_json_is_json_with_null_for_what_has_no_number(mission: Mission, *, stable: bool) -> None:
+def test_analysis_json_has_null_for_values_of_unstable_mission(mission: Mission, *, stable: bool) -> None:
     found = analyse(mission).as_json()
     assert set(found) >= KEYS
     assert json.loads(json.dumps(found, allow_nan=False))["robots"] == len(mission.names)
@@ -180,7 +180,7 @@ def test_the_json_is_json_with_null_for_what_has_no_number(mission: Mission, *, 
 
 
 def changed(mission: Mission, **tables: Any) -> Mission:
-    """The mission with some of its tables changed, read anew."""
+    """The mission with changed tables, validated anew."""
     data = mission.model_dump(exclude_none=True)
     for robot in data["robots"].values():
         robot.update(tables.get("robot", {}))
@@ -222,7 +222,7 @@ PAIR = scenarios.pair()
         ),
     ],
 )
-def test_a_problem_names_robots_keys_values_and_what_is_legal(mission: Mission, result: list[str]) -> None:
+def test_problem_names_robots_keys_values_and_legal_values(mission: Mission, result: list[str]) -> None:
     found = analyse(mission)
     assert not found.ok
     assert any(all(part in problem for part in result) for problem in found.problems), found.problems
@@ -239,12 +239,12 @@ def test_a_problem_names_robots_keys_values_and_what_is_legal(mission: Mission, 
         (changed(load("six_robots"), simulation={"horizon": 2.0}), "does not settle within 2 s"),
     ],
 )
-def test_a_warning_says_what_will_not_work_well(mission: Mission, result: str) -> None:
+def test_analysis_warns_of_mission_that_works_badly(mission: Mission, result: str) -> None:
     assert any(result in warning for warning in analyse(mission).warnings)
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
-def test_a_rate_that_is_called_high_enough_is_high_enough() -> None:
+def test_sampled_loop_is_stable_only_above_named_rate() -> None:
     mission = changed(PAIR, robot={"rate": 1.0}, law={"kind": "paper", "k_p": 2.5})
     (problem,) = analyse(mission).problems
     needed = float(problem.split("above ")[1].split()[0])
@@ -253,7 +253,7 @@ def test_a_rate_that_is_called_high_enough_is_high_enough() -> None:
     assert spectrum.sampled_radius(mu, 2.5, 0.2, 1.0 / (0.98 * needed)) > 1.0
 
 
-def test_a_law_without_an_integral_is_judged_by_its_positions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loop_without_integral_is_judged_by_k_p(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.stability.analysis.settling_time", lambda *_: 1.0)  # compiles no law
     for law in ("paper", "proportional"):
         assert analyse(changed(PAIR, law={"kind": law, "k_i": 0.0})).problems == ()
@@ -262,7 +262,7 @@ def test_a_law_without_an_integral_is_judged_by_its_positions_alone(monkeypatch:
         assert "too low for law.k_p" in problem
 
 
-def test_robots_without_path_to_the_leader_are_explained() -> None:
+def test_unreachable_explains_each_robot_without_path_to_leader() -> None:
     apart = Graph(((), (0,), (3,), (2,), ()))
     reasons = feasibility.unreachable(apart, ("leader", "a", "b", "c", "d"))
     assert reasons == {
@@ -275,17 +275,19 @@ def test_robots_without_path_to_the_leader_are_explained() -> None:
 SEES = {"measurement": "scan", "scanner": "required"}
 
 
-@pytest.mark.parametrize("mission", [hexagon(), load("posts")], ids=["one by odometry", "without sight"])
+@pytest.mark.parametrize(
+    "mission", [hexagon(), load("posts")], ids=["one by odometry", "without scan measurement"]
+)
 def test_missions_that_need_no_landmark_have_no_warning(mission: Mission) -> None:
     assert list(landmarks.warnings(mission)) == []
 
 
-def test_several_robots_without_landmark_drift_apart() -> None:
+def test_landmark_warning_names_robots_without_landmark() -> None:
     (warning,) = landmarks.warnings(with_robots("posts", **SEES))
     assert warning.startswith("robot1, robot2: have no neighbour that is nearer to the leader")
 
 
-def test_landmark_out_of_range_is_named() -> None:
+def test_landmark_warning_names_neighbour_out_of_range() -> None:
     mission = with_robots("six_robots", **SEES)
     near = mission.simulated_scanner.model_copy(update={"range_max": 0.9})
     found = list(landmarks.warnings(mission.changed(simulated_scanner=near)))
@@ -296,7 +298,7 @@ def test_landmark_out_of_range_is_named() -> None:
 
 
 @pytest.mark.parametrize("name", ["posts", "six_robots"])
-def test_landmarks_never_lead_in_a_circle(name: str) -> None:
+def test_landmarks_form_no_cycle(name: str) -> None:
     mission = with_robots(name, **SEES)
     done: set[str] = set()
     while left := [one for one in mission.followers if one not in done]:

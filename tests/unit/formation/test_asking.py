@@ -1,4 +1,4 @@
-"""An operator's request: which robots are asked, how often, until when."""
+"""Operator requests: recipients, repetition and end."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIX = load("six_robots")
 
 
 class Clock:
-    """In place of `time`: goes on only in `sleep`."""
+    """Replaces `time`; advances only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -37,7 +37,7 @@ class Clock:
 
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """What questions are timed by here, however busy this machine is."""
+    """Replace the clock of `asking`, so that no time depends on the load of the machine."""
     clock = Clock()
     monkeypatch.setattr(asking, "_now", clock.time)
     monkeypatch.setattr(asking, "time", clock)
@@ -50,9 +50,9 @@ def reply(robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", **
 
 
 class Fleet:
-    """Answers each question with the next of the lists of replies on its key, the last of them for ever.
+    """Answers each question with the next list of replies for its key; repeats the last list.
 
-    If `silent`, a robot is linked that never answers: no question to all is over before its time.
+    If `silent`, one linked robot never answers, so questions to all end only by timeout.
     """
 
     def __init__(self, *, silent: bool = False, **rounds: Sequence[Sequence[Reply]]) -> None:
@@ -95,8 +95,10 @@ def test_question_is_repeated_until_all_answer_and_first_answer_counts() -> None
 @pytest.mark.parametrize("ok", [True, False])
 @pytest.mark.parametrize("rounds", [1, 2])
 @pytest.mark.parametrize("readonly_first", [True, False])
-def test_the_agent_that_commands_the_robot_counts(*, ok: bool, rounds: int, readonly_first: bool) -> None:
-    """Whether the readonly one answers before or after it, with another verdict."""
+def test_answer_of_commanding_agent_outranks_readonly_agent(
+    *, ok: bool, rounds: int, readonly_first: bool
+) -> None:
+    """The readonly agent answers before or after it, with the opposite verdict."""
     answers = [reply("robot2", ok=ok), reply("robot2", ok=not ok, readonly=True)]
     first, second = reversed(answers) if readonly_first else answers
     given = [[first, second]] if rounds == 1 else [[first], [second]]
@@ -105,7 +107,7 @@ def test_the_agent_that_commands_the_robot_counts(*, ok: bool, rounds: int, read
     assert (outcome.answers["robot2"].reply.readonly, outcome.obeyed) == (False, ok)
 
 
-def test_answer_of_a_readonly_agent_alone_counts(clock: Clock) -> None:
+def test_answer_of_readonly_agent_alone_counts(clock: Clock) -> None:
     answers = [reply("robot1"), reply("robot2", ok=False, readonly=True)]
     assert Fleet(all=[answers]).ask(each="robot2").refused == ["robot2"]
     assert clock.now < 0.2
@@ -119,7 +121,7 @@ def test_linked_but_silent_robot_delays_no_other() -> None:
     assert outcome.answers["robot3"].ms < 1e3 * asking.MAX_ROUND_TIME
 
 
-def test_an_answer_to_a_question_before_the_newest_counts() -> None:
+def test_late_answer_to_earlier_question_counts() -> None:
     questions: list[Question] = []
 
     def put(*_: Any) -> Question:
@@ -137,7 +139,7 @@ def test_invalid_or_foreign_answers_do_not_count() -> None:
 
 
 def test_question_to_all_waits_for_links(clock: Clock) -> None:
-    """One question at the first link, one when all are linked; none in between, nor before."""
+    """One question at the first link and one when all are linked, no others."""
     both = [reply("robot1"), reply("robot2")]
     fleet = Fleet(all=[both[:1], both])
     outcome = fleet.ask(each="robot2", linked=lambda: (clock.now >= 0.05) + (clock.now >= 0.10))
@@ -151,13 +153,13 @@ def test_question_to_all_is_repeated_while_a_link_is_missing() -> None:
     assert len(fleet.put_to) == pytest.approx(1.0 / asking.LINKING_PAUSE, abs=1.0)
 
 
-def test_what_is_over_is_not_asked_again() -> None:
+def test_question_is_not_repeated_once_over_returns_true() -> None:
     fleet = Fleet(all=[[reply("robot1")]])
     assert not fleet.ask(each="robot2", over=lambda: len(fleet.put_to) >= 5).obeyed
     assert len(fleet.put_to) == 5
 
 
-def test_standby_is_queried_again_until_one_leads() -> None:
+def test_standby_is_asked_again_until_it_leads() -> None:
     waits, leads = reply("robot2", leads=False), reply("robot2", leads=True)
     fleet = Fleet(robot2=[[waits], [waits], [leads]])
     outcome = fleet.ask("run", "robot1 robot2")
@@ -165,7 +167,7 @@ def test_standby_is_queried_again_until_one_leads() -> None:
     assert fleet.put_to.count("robot2") == 3
 
 
-def test_leading_answer_counts_among_two_of_one_name() -> None:
+def test_answer_of_leading_process_outranks_other_of_same_name() -> None:
     both = [reply("robot1", leads=False), reply("robot1", leads=True, mode="hold")]
     assert Fleet(robot1=[both]).ask("hold").answers["robot1"].reply.mode == "hold"
 
@@ -178,25 +180,25 @@ def test_dead_candidate_does_not_delay_the_outcome(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("do", get_args(Do))
-def test_what_changes_motion_is_put_to_every_robot(do: Do) -> None:
+def test_only_motion_requests_are_addressed_to_all_followers(do: Do) -> None:
     mission = Mission.model_validate({**SIX.model_dump(), "standbys": {"second": {}, "third": {}}})
     recipients = asking.addressed(mission, do)
     assert recipients.candidates == ("robot1", "second", "third")
     assert recipients.each == (mission.followers if do in MOTION else ())
 
 
-def test_each_repetition_of_a_request_gives_its_age() -> None:
+def test_repeated_request_carries_its_age() -> None:
     fleet = Fleet()
     fleet.ask("release", seconds=0.2)
     ages = [one.age for one in fleet.received]
     assert ages[0] == 0.0 < ages[1]
     assert ages[-1] > 0.1
     assert ages == sorted(ages)
-    # the clock goes on while a laptop sleeps
+    # a clock that advances while the computer is suspended
     assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
 
 
-def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
+def test_refusal_reason_is_printed_without_control_characters() -> None:
     rude = reply("robot1", ok=False, reason="\x1b[2J\x1b]0;all obey\x07no\n")
     first, *_ = Fleet(robot1=[[rude]]).ask().words().splitlines()
     assert "REFUSED" in first
@@ -211,7 +213,7 @@ class Robots:
         self.received: list[OperatorRequest] = []
         self.silent: set[str] = set()
         self.between: Callable[[], None] = lambda: None
-        """Called once all have said what is in force."""
+        """Called between the query and the request after it."""
 
     def put(self, _key: str, payload: bytes, _timeout: float) -> Question:
         request, question = order.decode(OperatorRequest, payload), Question()
@@ -240,7 +242,7 @@ class Robots:
         return [rest.mode for rest in self.rests.values()]
 
 
-def test_release_names_stops_and_run_names_holds() -> None:
+def test_release_and_run_are_preceded_by_a_query() -> None:
     robots = Robots("leader", "a", "b")
     for do, mode in (("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", None)):
         assert robots.give(do).obeyed
@@ -248,7 +250,7 @@ def test_release_names_stops_and_run_names_holds() -> None:
     assert [one.do for one in robots.received] == ["hold", "stop", "query", "release", "query", "run"]
 
 
-def test_a_second_release_sets_no_robot_going() -> None:
+def test_repeated_release_leaves_all_robots_held() -> None:
     robots = Robots("leader", "a", "b")
     for do in ("hold", "stop"):
         robots.give(do)
@@ -261,7 +263,7 @@ def test_a_second_release_sets_no_robot_going() -> None:
 
 
 @pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "run")])
-def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
+def test_stop_or_hold_newer_than_query_is_not_ended(rest: Do, go: str) -> None:
     robots = Robots("leader", "a")
     robots.give(rest)
 
@@ -274,7 +276,7 @@ def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
     assert robots.modes == [rest, rest]
 
 
-def test_unanswered_query_prevents_the_release() -> None:
+def test_unanswered_query_prevents_release() -> None:
     robots = Robots("leader", "a")
     robots.silent = {"leader", "a"}
     outcome = robots.give("release", seconds=2.0)

@@ -1,4 +1,4 @@
-"""The collision filter: what it promises whatever the law wants, and how it goes round."""
+"""The collision filter: what holds for every wanted command, and detours round obstacles."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ obstacles = st.lists(
 
 
 class Crowd:
-    """Robots that want anything at all, and are as wrong about their headings as their doubt allows."""
+    """Robots with random wanted commands and with heading errors up to `doubt`."""
 
     def __init__(self, seed: int, doubt: float) -> None:
         self.draw, self.doubt = Random(seed), doubt
@@ -72,13 +72,13 @@ class Crowd:
         return result
 
     def after(self, commands: list[Command], seconds: float) -> list[tuple[complex, complex]]:
-        """Poses when the commands have lasted for so long."""
+        """Poses after the commands have applied for `seconds`."""
         return [advance(*pose, *done, seconds) for pose, done in zip(self.poses, commands, strict=True)]
 
 
 @settings(max_examples=40, deadline=None)
 @given(seeds, doubts)
-def test_bodies_never_touch_whatever_their_robots_want(seed: int, doubt: float) -> None:
+def test_bodies_never_touch_under_random_wanted_commands(seed: int, doubt: float) -> None:
     crowd = Crowd(seed, doubt)
     for _ in range(30):
         dt = crowd.draw.uniform(0.01, PARAMETERS.hold)
@@ -112,7 +112,7 @@ def test_unobstructed_command_is_returned_unchanged(wanted: Command, at: list[co
 
 
 @given(commands, obstacles)
-def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) -> None:
+def test_mirrored_obstacles_give_mirrored_command(wanted: Command, around: list[Obstacle]) -> None:
     done = brake(give_way(wanted, around, PARAMETERS, BODY), around, PARAMETERS)
     flipped = Command(wanted.speed, -wanted.turn_rate)
     others = [one._replace(at=one.at.conjugate(), velocity=one.velocity.conjugate()) for one in around]
@@ -122,7 +122,9 @@ def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) ->
 
 
 @given(vectors, st.lists(st.tuples(headings, st.floats(0.0, 3.0)), min_size=1, max_size=6), seeds)
-def test_no_allowed_point_is_nearer(wanted: complex, drawn: list[tuple[complex, float]], seed: int) -> None:
+def test_nearest_returns_closest_allowed_point(
+    wanted: complex, drawn: list[tuple[complex, float]], seed: int
+) -> None:
     bounds = [HalfPlane(normal.real, normal.imag, most) for normal, most in drawn]
 
     def beyond(point: complex) -> float:
@@ -139,7 +141,7 @@ def test_no_allowed_point_is_nearer(wanted: complex, drawn: list[tuple[complex, 
             assert abs(other - wanted) >= abs(point - wanted) - 1e-6
 
 
-def test_nearest_knows_whether_bounds_have_anything_in_common() -> None:
+def test_nearest_reports_whether_bounds_intersect() -> None:
     assert nearest(0.5 + 0.5j, [HalfPlane(1.0, 0.0, 1.0), HalfPlane(0.0, 1.0, 1.0)]) == (True, 0.5 + 0.5j)
     assert nearest(0j, [HalfPlane(1.0, 0.0, -1.0), HalfPlane(-1.0, 0.0, -1.0)]) == (False, 0j)
 
@@ -153,7 +155,9 @@ def test_surrounded_robot_approaches_no_obstacle() -> None:
 
 
 @given(headings, st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
-def test_cosine_is_in_bounds(towards: complex, turn: float, doubt: float, part: float, wrong: float) -> None:
+def test_facing_bounds_contain_the_cosine(
+    towards: complex, turn: float, doubt: float, part: float, wrong: float
+) -> None:
     least, greatest = facing(towards, turn, doubt)
     cosine = (towards * rotation(wrong * doubt - part * turn)).real
     assert least - 1e-9 <= cosine <= greatest + 1e-9
@@ -166,7 +170,9 @@ def test_robot_without_right_of_way_makes_room() -> None:
 
 
 @given(headings, headings, seeds)
-def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: complex, seed: int) -> None:
+def test_heading_error_of_observer_stays_within_heading_doubt(
+    truth: complex, guess: complex, seed: int
+) -> None:
     draw, way, estimate, gain = Random(seed), 0.0, guess, 5.0
     here, heading = 0j, truth
     for _ in range(60):
@@ -176,7 +182,7 @@ def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: 
         here, way = there, way + abs(0.05 * speed)
         doubt = heading_doubt(way, gain, 0.0)
         if doubt < math.pi:
-            # the way is an arc, the observer learns from its chord: shorter by less than (ωΔt)²/24
+            # the path is an arc, but the observer uses its chord: shorter by less than (ωΔt)²/24
             assert abs(angle_between(estimate, heading)) <= doubt - MAX_HEADING_ERROR + 1e-3
 
 
@@ -184,7 +190,7 @@ WALL = Obstacle(0.52 + 0j, 0.2, 0j, first=True)
 
 
 def straight_on(avoidance: Avoidance, one: Obstacle = WALL, along: complex = 0j) -> tuple[Command, Avoidance]:
-    """One step of a robot that wants to drive straight on."""
+    """One step of the filter for a robot that wants to drive straight ahead."""
     return avoid(Command(1.5, 0.0), [one], PARAMETERS, BODY, along, avoidance, 0.05)
 
 
@@ -216,7 +222,7 @@ def test_repeated_deadlocks_lengthen_detours_until_free() -> None:
 def test_oscillation_is_a_deadlock_only_before_standing_obstacles(stands: bool) -> None:
     avoidance, speeds = Avoidance(), set()
     for step in range(40):
-        seen = WALL._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j, stands=stands)  # as noise has it
+        seen = WALL._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j, stands=stands)  # as noise moves it
         done, avoidance = straight_on(avoidance, seen)
         speeds.add(round(done.speed, 3))
     assert {0.2, -0.2} <= speeds
@@ -230,8 +236,8 @@ def test_robot_held_at_neighbour_speed_counts_as_blocked() -> None:
     assert avoidance.deadlocks == 1
 
 
-def goes_round(posts: list[complex], body: Limits, steps: int, *, stands: bool) -> bool:
-    """Whether a robot comes to its goal behind the posts, and never nearer to them than bodies allow."""
+def reaches_goal(posts: list[complex], body: Limits, steps: int, *, stands: bool) -> bool:
+    """Whether a robot reaches its goal behind the posts without touching them."""
     at, heading, avoidance, nearest, goal = 0j, 1.0 + 0j, Avoidance(), math.inf, 3.0 + 0j
     for _ in range(steps):
         around = [WALL._replace(at=heading.conjugate() * (post - at), stands=stands) for post in posts]
@@ -244,11 +250,11 @@ def goes_round(posts: list[complex], body: Limits, steps: int, *, stands: bool) 
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.02, -0.1])
-def test_a_post_in_the_way_is_gone_round(aside: float) -> None:
-    assert goes_round([complex(1.5, aside)], Limits(0.1, 1.0, 1.5), 400, stands=False)
+def test_robot_drives_round_single_post(aside: float) -> None:
+    assert reaches_goal([complex(1.5, aside)], Limits(0.1, 1.0, 1.5), 400, stands=False)
 
 
 @pytest.mark.parametrize("middle", [0.0, 0.1, -0.3])
-def test_a_row_of_posts_that_leaves_no_gap_is_gone_round(middle: float) -> None:
+def test_robot_drives_round_row_of_posts_without_gap(middle: float) -> None:
     row = [complex(1.5, middle + aside) for aside in (-0.7, -0.35, 0.0, 0.35, 0.7)]
-    assert goes_round(row, BODY, 600, stands=True)
+    assert reaches_goal(row, BODY, 600, stands=True)

@@ -1,4 +1,4 @@
-"""What is proven of missions happens; counterexamples to what the paper says."""
+"""Certificates compared with simulations, and counterexamples to claims of the paper."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ALONE = Options(avoid=False)
 
 
 def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = None, **law: Any) -> Mission:
-    """A random mission without cycles, of 3 to 8 robots that do at once what they are told."""
+    """A random mission without cycles, of 3 to 8 ideal robots."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 9))
     neighbours = scenarios.random_neighbours(rng, count)
@@ -39,7 +39,7 @@ def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = N
     [
         *((drawn(seed, route=CIRCLE, leader_orders="none"), 60.0) for seed in (0, 1, 2)),
         *((drawn(seed, route=CIRCLE, leader_orders="velocity"), 60.0) for seed in (0, 1, 2)),
-        # slow robots: they are faster than the leader's top speed, so they count less and velocities are cut
+        # robots faster than the leader's top speed: they weigh less, and their velocities are cut
         (drawn(3, route=CIRCLE, gain=0.6), 120.0),
     ],
 )
@@ -55,7 +55,7 @@ def test_error_on_a_circle_of_a_ring_is_as_certified() -> None:
 @pytest.mark.parametrize(
     "seed", [pytest.param(one, marks=pytest.mark.slow if one > 4 else ()) for one in range(200)]
 )
-def test_certified_missions_come_into_formation(seed: int) -> None:
+def test_missions_certified_for_every_start_converge(seed: int) -> None:
     rng = np.random.default_rng(1000 + seed)
     mission = drawn(seed, leader_speed=float(rng.uniform(0.01, 0.14)))
     found = certificate(mission, stable=True)
@@ -87,8 +87,8 @@ def test_unstable_mission_has_no_certificate() -> None:
 
 
 @pytest.mark.parametrize(("speed", "says"), [(0.05, "near formation"), (0.2165, "none")])
-def test_robots_of_a_cycle_that_turn_too_far_do_not_settle(speed: float, says: str) -> None:
-    """Along the leader's direction the loop is stable at both speeds; across it a robot turns."""
+def test_cycle_settles_only_at_certified_speed(speed: float, says: str) -> None:
+    """Along the leader's direction the loop is stable at both speeds; across it a robot turns too far."""
     neighbours = [[], [0, 4], [0, 3], [1, 5], [2, 3], [1]]
     slots = -0.7 * np.arange(6) + 1j * np.array([0.0, -0.4, 0.2, 0.0, -0.6, 0.5])
     robot = {"control_point_offset": 0.175, "max_speed": 1.67, "max_turn_rate": 1.55, "rate": 10.0}
@@ -101,7 +101,7 @@ def test_robots_of_a_cycle_that_turn_too_far_do_not_settle(speed: float, says: s
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.2, 1.0])
-def test_loop_of_centres_is_of_third_order(speed: float) -> None:
+def test_loop_of_centres_is_stable_only_above_minimum_speed(speed: float) -> None:
     offset, k_p, k_i = 0.2, 2.0, 1.0
     roots = np.roots([offset, speed, k_p * speed, k_i * speed])
     assert bool(roots.real.max() < 0.0) is (speed * k_p > offset * k_i)
@@ -113,7 +113,7 @@ def test_leader_at_top_speed_is_refused() -> None:
 
 
 @pytest.mark.parametrize("share", [0.8, 0.95])
-def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
+def test_all_runs_converge_behind_fast_leader(share: float) -> None:
     route = [{"speed": share * SIX.robots["robot2"].max_speed, "heading_deg": 30.0}]
     changed = {"route": route, "collisions": {"mode": "off", "lag": 0.0}}
     mission = Mission.model_validate({**SIX.model_dump(), **changed})
@@ -122,12 +122,12 @@ def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
 
 @pytest.mark.parametrize("ramp", [0.5, 1.0])
 @pytest.mark.parametrize("name", ["six_robots", "patrol"])
-def test_robots_with_a_slow_ramp_do_not_weave(name: str, ramp: float) -> None:
+def test_all_runs_converge_with_slow_ramp(name: str, ramp: float) -> None:
     mission = with_robots(name, ramp=ramp)
     assert simulate(mission, runs=40, horizon=20.0, step=0.05, options=ALONE).converged.all()
 
 
-def test_robots_with_a_short_offset_do_not_weave() -> None:
+def test_all_runs_converge_with_short_control_point_offset() -> None:
     slow = {"control_point_offset": 0.05, "max_speed": 1.0, "max_turn_rate": 2.0, "ramp": 1.0}
     route = {"speed": 0.7, "heading_deg": 0.0}
     mission = scenarios.build(np.array([0.0, -0.8, -1.6]), [[], [0], [1]], route, robot=slow)

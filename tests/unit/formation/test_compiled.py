@@ -1,4 +1,4 @@
-"""What is compiled is what robots run: the same functions give the same numbers."""
+"""Compiled functions give the same numbers as the Python functions that robots run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ rates = st.floats(-3.0, 3.0)
 
 
 def flat(value: Any) -> list[complex]:
-    """Every number in it."""
+    """Every number in a nested tuple."""
     return [number for part in value for number in flat(part)] if isinstance(value, tuple) else [value]
 
 
@@ -68,18 +68,18 @@ def test_compiled_function_gives_the_same_numbers(name: str, data: st.DataObject
 
 
 @given(st.complex_numbers(max_magnitude=1e100))
-def test_a_magnitude_is_the_absolute_value(value: complex) -> None:
+def test_magnitude_equals_absolute_value(value: complex) -> None:
     assert magnitude(value) == pytest.approx(abs(value), rel=1e-12, abs=1e-150)
 
 
 SIX, HARD = scenarios.six(), Options(delay=0.06, loss=0.1, body=PROFILES["turtlebot3_burger"])
-AVOIDING = {"nobody": SIX, "neighbours": scenarios.exchanged(SIX, avoid=()), "all": scenarios.exchanged(SIX)}
+AVOIDING = {"none": SIX, "neighbours": scenarios.exchanged(SIX, avoid=()), "all": scenarios.exchanged(SIX)}
 STEP = {"speed_step": 0.01, "turn_rate_step": 0.01}
 STEPPED = SIX.changed(robots={name: one.model_copy(update=STEP) for name, one in SIX.robots.items()})
 
 
 def by_python(monkeypatch: pytest.MonkeyPatch, mission: Mission = SIX, **more: Any) -> Result:
-    """As it is where numba is not installed."""
+    """Simulate in plain Python, as without numba."""
     monkeypatch.setattr(maker, "AVAILABLE", False)
     monkeypatch.setattr("formation.simulation.ensemble.AVAILABLE", False)
     maker._compiled.cache_clear()
@@ -92,7 +92,9 @@ def by_python(monkeypatch: pytest.MonkeyPatch, mission: Mission = SIX, **more: A
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", AVOIDING.values(), ids=AVOIDING)
 @pytest.mark.parametrize("options", [Options(), HARD, Options(measurement="local")])
-def test_python_gives_the_same(options: Options, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simulation_without_numba_gives_same_results(
+    options: Options, mission: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
     quick = simulate(mission, runs=2, step=0.02, options=options, horizon=2.0)
     slow = by_python(monkeypatch, mission, options=options, horizon=2.0)
     assert slow.nearest == pytest.approx(quick.nearest, rel=1e-6, abs=1e-9)
@@ -103,16 +105,16 @@ def still(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(0.0, 0.0), integral
 
 
-def mad(integral: complex, *_: Any) -> tuple[Command, complex]:
+def infinite(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(1.0, math.inf), integral
 
 
-def lost(integral: complex, *_: Any) -> tuple[Command, complex]:
+def not_a_number(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(math.nan, math.nan), integral
 
 
 @pytest.mark.slow
-def test_any_law_can_be_simulated() -> None:
+def test_user_defined_law_can_be_simulated() -> None:
     law = LAWS["field"]._replace(name="still", step=still)
     result = simulate(SIX, runs=2, law=law, horizon=1.0, keep=True)
     assert result.history is not None
@@ -121,8 +123,10 @@ def test_any_law_can_be_simulated() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("law", "mission"), [(mad, SIX), (lost, SIX), (lost, STEPPED)])
-def test_diverging_run_ends(law: Any, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("law", "mission"), [(infinite, SIX), (not_a_number, SIX), (not_a_number, STEPPED)])
+def test_diverging_run_ends_with_infinite_error(
+    law: Any, mission: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
     controller = LAWS["field"]._replace(name=law.__name__, step=law)
     quick = simulate(mission, runs=2, step=0.02, law=controller, horizon=1.0)
     with np.errstate(all="ignore"):

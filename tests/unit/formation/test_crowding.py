@@ -1,4 +1,4 @@
-"""Slots with room for the filter's margin, and robots that could meet without avoiding."""
+"""Checks of the room between slots for the filter's margin, and of robots that could meet."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ SIX = load("six_robots")
 
 
 FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
-"""One behind the other."""
+"""Three followers, one behind the other; each measures the one before it."""
 ALONE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (0,), (0,)))
-"""None measures another follower."""
+"""The same slots; all followers measure only the leader."""
 
 
 @pytest.mark.parametrize(
@@ -45,11 +45,11 @@ ALONE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (0,), (0,)))
         scenarios.clearing(ALONE, avoid=(), margin=5.0),
     ],
 )
-def test_margin_below_slot_room_or_without_use_is_accepted(mission: Mission) -> None:
+def test_margin_below_slot_room_or_unused_is_accepted(mission: Mission) -> None:
     assert list(problems(mission)) == []
 
 
-def test_margin_counts_where_one_robot_avoids_the_other() -> None:
+def test_margin_is_checked_where_only_one_robot_avoids() -> None:
     assert list(problems(scenarios.clearing(FILE, avoid=(), margin=0.8))) != []
 
 
@@ -57,7 +57,7 @@ def test_margin_counts_where_one_robot_avoids_the_other() -> None:
 @pytest.mark.parametrize(
     ("margin", "others"), [(0.75, " (and 3 other pairs)"), (0.9, " (and 10 other pairs)")]
 )
-def test_margin_beyond_slot_room_names_the_greatest_allowed(margin: float, others: str) -> None:
+def test_problem_of_margin_beyond_room_names_greatest_allowed(margin: float, others: str) -> None:
     crowded = scenarios.clearing(SIX, margin=margin)
     (result,) = problems(crowded)
     assert result == (
@@ -83,12 +83,12 @@ def test_filter_passes_straight_motion_exactly_up_to_room(name: str) -> None:
     for shape in mission.shapes:
         for room in rooms_of(mission, shape):
             pair = shape, room.first, room.second
-            assert goes_straight_on(mission, *pair, room.margin - 1e-6)
-            assert not goes_straight_on(mission, *pair, room.margin + 1e-6)
+            assert keeps_command(mission, *pair, room.margin - 1e-6)
+            assert not keeps_command(mission, *pair, room.margin + 1e-6)
 
 
-def goes_straight_on(mission: Mission, shape: str, name: str, other: str, margin: float) -> bool:
-    """Whether the filter leaves a command alone that follows the leader, beside one other robot."""
+def keeps_command(mission: Mission, shape: str, name: str, other: str, margin: float) -> bool:
+    """Whether the filter keeps the command that follows the leader, beside one other robot."""
     me, spec, speed = mission.robots[name], mission.robots[other], max(leg.speed for leg in mission.route)
     turn = 1.0 if mission.turning else mission.leader_heading.conjugate()
     away, radius = turn * (mission.slot(other, shape) - mission.slot(name, shape)), spec.radius
@@ -104,13 +104,13 @@ def goes_straight_on(mission: Mission, shape: str, name: str, other: str, margin
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("margin", "well"), [(0.55, True), (0.65, False)])
-def test_formation_forms_exactly_when_filter_gives_no_warning(margin: float, *, well: bool) -> None:
+def test_robots_converge_exactly_if_margin_causes_no_warning(margin: float, *, well: bool) -> None:
     hexagon = SIX.changed(shapes={"hexagon": SIX.shapes["hexagon"]})
     mission = scenarios.clearing(hexagon, margin=margin, lag=0.05, delay=0.0)
     assert list(problems(mission)) == []
     assert (list(warnings(mission)) == []) is well
     assert simulate(scenarios.ramped(mission, 0.0), runs=100).converged.mean() == (1.0 if well else 0.0)
-    # the ramp makes robots in a crowd get out of each other's way more slowly
+    # with a ramp, robots in a crowd make room more slowly
     with_ramp = simulate(mission, runs=100).converged.mean()
     assert with_ramp > 0.95 if well else with_ramp == 0.0
 
@@ -144,7 +144,9 @@ segments = st.builds(Segment, vectors, vectors)
 
 
 @given(segments, segments, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_no_points_of_two_ways_are_nearer(one: Segment, other: Segment, here: float, there: float) -> None:
+def test_between_never_exceeds_distance_of_two_points(
+    one: Segment, other: Segment, here: float, there: float
+) -> None:
     first = one.begin + here * (one.end - one.begin)
     second = other.begin + there * (other.end - other.begin)
     assert between(one, other) <= abs(first - second) + 1e-9
@@ -159,12 +161,12 @@ def test_no_points_of_two_ways_are_nearer(one: Segment, other: Segment, here: fl
         (Segment(0j, 0j), Segment(3 + 4j, 3 + 4j), 5.0),
     ],
 )
-def test_the_distance_of_two_ways(one: Segment, other: Segment, distance: float) -> None:
+def test_between_returns_distance_of_two_segments(one: Segment, other: Segment, distance: float) -> None:
     assert between(one, other) == pytest.approx(distance)
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
-def test_check_warns_of_crossing_ways_without_avoiding() -> None:
+def test_check_warns_of_crossing_paths_without_avoidance() -> None:
     crossing = scenarios.exchanged(FILE, avoid=())
     assert unavoided(crossing) == (("robot2", "robot3"), ("robot2", "robot4"), ("robot3", "robot4"))
     (result,) = could_meet(crossing)
@@ -187,7 +189,7 @@ def test_robots_that_avoid_or_cannot_meet_cause_no_warning(mission: Mission) -> 
 
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
-def test_printed_law_warns_that_it_avoids_none() -> None:
+def test_analysis_warns_that_paper_law_has_no_filter() -> None:
     result = "the paper law has no collision filter: robots do not avoid each other"
     assert result in analyse(SIX, "paper").warnings
     assert result not in analyse(SIX).warnings
@@ -201,7 +203,7 @@ SCANNING = {"control_point_offset": 0.1, "scanner": "required", "scan": {"margin
 @pytest.mark.parametrize(
     ("robot", "avoid", "needed"), [({"control_point_offset": 0.2}, "all", 0.64), (SCANNING, (), 0.76)]
 )
-def test_rows_too_narrow_to_pass_are_warned_of(robot: dict[str, Any], avoid: object, needed: float) -> None:
+def test_check_warns_of_rows_too_narrow_to_pass(robot: dict[str, Any], avoid: object, needed: float) -> None:
     """Bodies of 0.1 m with the front 0.1 m ahead keep margins of 2 cm.
 
     Scanners keep 5 cm, and their circles around hits reach up to 3 cm too far.
@@ -224,5 +226,5 @@ ABREAST = scenarios.clearing(scenarios.build(np.array([0, -1, -1 + 0.5j]), ((), 
 
 
 @pytest.mark.parametrize("mission", [ABREAST, *map(load, shipped())], ids=["abreast", *shipped()])
-def test_shipped_missions_let_robots_pass(mission: Mission) -> None:
+def test_wide_enough_missions_cause_no_row_warning(mission: Mission) -> None:
     assert list(rows(mission)) == []

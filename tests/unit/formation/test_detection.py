@@ -39,7 +39,7 @@ def scanned(discs: Iterable[tuple[complex, float]], scanner: Scanner = EXACT, se
 
 
 def found(scan: LaserScan, radius: float) -> list[Detection]:
-    """Every cylinder of `radius` [m] in it."""
+    """Every whole cylinder of `radius` [m] in the scan."""
     divided = beams(scan)
     every = [detection(one, divided, radius) for one in divided.segments]
     return [one for one in every if one is not None and one.whole]
@@ -50,14 +50,14 @@ AHEAD = scanned([(1.0 + 0.0j, 0.1)])
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.4, 1.5), st.sampled_from([0.035, 0.1]))
-def test_cylinder_is_found_where_it_is(angle: float, distance: float, radius: float) -> None:
+def test_detection_finds_cylinder_at_its_position(angle: float, distance: float, radius: float) -> None:
     centre = cmath.rect(distance, angle)
     (one,) = found(scanned([(centre, radius)]), radius)
     assert abs(cmath.rect(one.distance, one.angle) - centre) < 0.01 + distance * math.radians(0.5)
 
 
 @pytest.mark.parametrize(("radius", "distance"), [(0.035, 1.0), (0.1, 1.0), (0.1, 2.0)])
-def test_centre_has_no_bias_and_its_stated_variance(radius: float, distance: float) -> None:
+def test_detected_centre_has_no_bias_and_stated_variance(radius: float, distance: float) -> None:
     ranges, angles, squares = [], [], []
     for seed in range(400):
         angle = 0.37 * seed
@@ -71,7 +71,7 @@ def test_centre_has_no_bias_and_its_stated_variance(radius: float, distance: flo
     assert 0.5 < statistics.mean(squares) < 1.6
 
 
-def test_wider_and_narrower_cylinders_are_others() -> None:
+def test_cylinders_of_other_radius_are_not_detected() -> None:
     scan = scanned([(1.0 + 0.0j, 0.2), (1.0j, 0.02)])
     assert found(scan, 0.1) == []
     assert len(found(scan, 0.2)) == len(found(scan, 0.02)) == 1
@@ -81,7 +81,7 @@ def test_partly_hidden_cylinder_is_not_used() -> None:
     assert found(scanned([(1.0 + 0.0j, 0.1), (0.6 + 0.07j, 0.05)]), 0.1) == []
 
 
-def test_segment_across_the_first_beam_is_one_of_expected_width() -> None:
+def test_cylinder_across_first_beam_gives_one_segment() -> None:
     divided = beams(AHEAD)
     (one,) = divided.segments
     assert (one.first, one.last) == (355, 365)
@@ -89,20 +89,20 @@ def test_segment_across_the_first_beam_is_one_of_expected_width() -> None:
     assert detection(one, divided, 0.1) is not None
 
 
-def test_half_turn_does_not_close() -> None:
+def test_segments_of_half_turn_scan_do_not_wrap() -> None:
     half = beams(replace(AHEAD, ranges=AHEAD.ranges[:180]))
     assert not half.whole_turn
     assert [one.last for one in half.segments] == [5]
 
 
 @pytest.mark.parametrize("increment", [math.tau / 360, -math.tau / 360])
-def test_directions_are_found_either_way_round(increment: float) -> None:
+def test_beam_angle_inverts_beam_number_in_both_directions(increment: float) -> None:
     scan = Beams((), 0.5, increment, 360, 3.5)
     for angle in (-3.0, 0.2, 0.49, 0.51, 3.0):
         assert math.remainder(scan.angle(scan.number(angle)) - angle, math.tau) == pytest.approx(0.0)
 
 
-def test_segments_in_a_direction_and_what_they_cover() -> None:
+def test_around_and_covered_select_segments_by_direction() -> None:
     divided = beams(scanned([(1.0 + 0.0j, 0.1), (1.0j, 0.1)]))
     ahead = list(around(divided, 0.0, 0.01))
     assert [one.middle % 360 for one in ahead] == [0.0]

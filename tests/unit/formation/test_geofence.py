@@ -1,4 +1,4 @@
-"""The geofence: its default, what an order may ask for, when a route leaves it."""
+"""The geofence: default bounds, orders outside the bounds, and the time when a route leaves them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def ordered(x: float = 0.0, y: float = 0.0, **what: Any) -> Order:
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_default_holds_an_hour_of_the_route(name: str) -> None:
+def test_default_bounds_contain_starts_and_an_hour_of_route(name: str) -> None:
     mission = load(name)
     fence = Geofence(mission)
     first = fence.exit(Route.of(mission), PlacedShape.first(mission)._replace(rotation=0.0))
@@ -44,7 +44,7 @@ def test_default_holds_an_hour_of_the_route(name: str) -> None:
     assert all(fence.holds(robot.start.position) for robot in mission.robots.values())
 
 
-def test_default_leaves_ten_formation_sizes_and_some_metres() -> None:
+def test_default_margin_scales_with_formation_and_has_minimum() -> None:
     area = Area.of(SIX)
     assert area.x_min == pytest.approx(-3.5 - 2.0 - BOUNDS_MARGIN_SIZES * 2.0)
     assert area.reach == BOUNDS_MARGIN_SIZES * 2.0
@@ -61,12 +61,12 @@ def test_default_leaves_ten_formation_sizes_and_some_metres() -> None:
         {"place": None, "scale": 1000.0},
     ],
 )
-def test_default_refuses_what_is_far_out(what: dict[str, Any]) -> None:
+def test_default_bounds_refuse_distant_orders(what: dict[str, Any]) -> None:
     with pytest.raises(BadMessage, match=r"order outside the bounds: .* limit"):
         Geofence(SIX).check(ordered(**what))
 
 
-def test_orders_inside_are_taken() -> None:
+def test_orders_are_accepted_only_inside_bounds() -> None:
     FENCE.check(ordered(24.9))
     FENCE.check(ordered(scale=2.4))
     with pytest.raises(BadMessage, match=r"the leader at x = 25\.1 m, limit 25 m"):
@@ -75,14 +75,14 @@ def test_orders_inside_are_taken() -> None:
         FENCE.check(ordered(scale=3.0))
 
 
-def test_robot_outside_returns_only_when_well_inside() -> None:
+def test_robot_counts_as_outside_until_well_inside() -> None:
     assert FENCE.outside(25.0 + 0j, before=False) is None
     assert "x = 31.20 m, limit 25.00 m" in str(FENCE.outside(31.2 + 0j, before=False))
     assert "x = 24.95 m, limit 24.90 m" in str(FENCE.outside(24.95 + 0j, before=True))
     assert FENCE.outside(25.0 - RETURN_DEPTH + 0j, before=True) is None
 
 
-def test_straight_route_leaves_when_the_first_slot_does() -> None:
+def test_straight_route_exits_when_first_slot_reaches_bounds() -> None:
     route = Route([Straight(speed=0.5, heading_deg=90.0)], 0j)
     first = FENCE.exit(route, PlacedShape.first(SIX))
     assert first is not None
@@ -90,7 +90,7 @@ def test_straight_route_leaves_when_the_first_slot_does() -> None:
     assert first.words == f"robot2's slot reaches y = {4.0 - FENCE.clearance:.4g} m"
 
 
-def test_route_back_inside_does_not_leave() -> None:
+def test_route_back_inside_has_no_exit() -> None:
     back = Route([Waypoints(waypoints=((5.0, 0.0),), speed=0.5)], 30.0 + 0j)
     assert FENCE.exit(back, PlacedShape.first(SIX)) is None
     on = Route([Waypoints(waypoints=((31.0, 0.0),), speed=0.5)], 30.0 + 0j)
@@ -100,7 +100,7 @@ def test_route_back_inside_does_not_leave() -> None:
 
 
 @pytest.mark.parametrize(("radius", "leaves"), [(1.0, False), (2.5, True)])
-def test_circle_is_looked_at_all_round(radius: float, leaves: bool) -> None:
+def test_exit_considers_the_whole_circle(radius: float, leaves: bool) -> None:
     fence = Geofence(within(SIX, (-10.0, 10.0), (-5.0, 5.0)))
     route = Route([Circle(radius=radius, speed=0.3)], 0j)
     assert (fence.exit(route, PlacedShape.first(SIX)) is not None) is leaves
@@ -122,7 +122,7 @@ def test_exit_is_the_first_sample_outside(
     placed_shape = PlacedShape((("hexagon", 1.0),))
     first = fence.exit(route, placed_shape, since)
     if fence.area.breach(route.position(since), "", fence.clearance + 2.1).excess >= 0.0:
-        return  # what begins outside may come back, which the oracle does not know
+        return  # a route that begins outside may return, which the oracle does not model
     until = since + 300.0 if first is None else first.time - 1e-3
     for step in range(400):
         time = since + (until - since) * step / 400
@@ -150,7 +150,7 @@ TABLE = "[bounds]\nx = [{}, {}]\ny = [{}, {}]\n\n[robots.robot1]"
         ((-5, "inf", -4, 4), "bounds.x.1 = inf: should be a finite number"),
     ],
 )
-def test_mission_states_its_bounds(limits: tuple[float, ...], result: str) -> None:
+def test_bounds_in_mission_file_are_read_or_refused(limits: tuple[float, ...], result: str) -> None:
     text = read("six_robots")[0].replace("[robots.robot1]", TABLE.format(*limits))
     if not result:
         assert parse(text).bounds == Bounds(x=(-5.0, 30.0), y=(-4.0, 4.0))
@@ -174,10 +174,10 @@ mixed = st.none() | st.builds(Slots, mix=mixes, rotation=rotations, scale=scales
 
 @given(place=places, rotation=rotations, scale=scales, slots=mixed, turning=st.booleans())
 @examples(300)
-def test_order_is_taken_exactly_when_all_slots_are_inside(
+def test_order_is_accepted_exactly_when_all_slots_are_inside(
     place: Place, rotation: float, scale: float, slots: Slots | None, turning: bool
 ) -> None:
-    """The oracle looks at each slot, as it is now and as it is to become."""
+    """The oracle checks each slot of the present and of the ordered shape."""
     mission = within(SIX, (-12.0, 25.0), (-9.0, 9.0)).model_copy(update={"turning": turning})
     order = ordered(place=place, rotation=rotation, scale=scale, slots=slots)
     wanted = PlacedShape((("hexagon", 1.0),), rotation + (place.heading if turning else 0.0), scale)
@@ -185,6 +185,6 @@ def test_order_is_taken_exactly_when_all_slots_are_inside(
     points = [complex(place.x, place.y) + slot for one in shapes for slot in one.slots(mission)]
     inside = all(-12.0 <= one.real <= 25.0 and -9.0 <= one.imag <= 9.0 for one in points)
     fence = Geofence(mission)
-    for _ in range(2):  # the second time from what is kept of shapes
+    for _ in range(2):  # the second time with cached shapes
         with nullcontext() if inside else pytest.raises(BadMessage, match="order outside the bounds"):
             fence.check(order)

@@ -1,4 +1,4 @@
-"""The graph of neighbours, and what can still be followed when a robot is lost."""
+"""The measurement graph, and which neighbours can be followed when a robot is lost."""
 
 from __future__ import annotations
 
@@ -33,14 +33,16 @@ def shape(draw_from: st.DataObject, graph: Graph) -> ComplexArray:
 
 
 @given(graphs(), st.data())
-def test_sparse_sums_of_a_stack_are_the_laplacian_times_its_points(graph: Graph, data: st.DataObject) -> None:
+def test_sum_per_follower_equals_laplacian_times_points(graph: Graph, data: st.DataObject) -> None:
     edges, stack = Edges(graph), np.stack([shape(data, graph), shape(data, graph)])
     sums = edges.sum_per_follower(edges.along_edges(stack))
     assert sums == pytest.approx(-(stack @ edges.laplacian().T)[:, 1:], abs=1e-9)
 
 
 @given(graphs(), vectors, headings, st.data())
-def test_moving_as_one_is_no_error(graph: Graph, away: complex, turn: complex, data: st.DataObject) -> None:
+def test_formation_error_is_invariant_to_translation_and_rotation(
+    graph: Graph, away: complex, turn: complex, data: st.DataObject
+) -> None:
     edges, points, slots = Edges(graph), shape(data, graph), shape(data, graph)
     error = formation_error(edges, points, slots)
     assert formation_error(edges, points + away, slots) == pytest.approx(error)
@@ -49,7 +51,7 @@ def test_moving_as_one_is_no_error(graph: Graph, away: complex, turn: complex, d
 
 
 @given(graphs())
-def test_depth_counts_the_hops_to_the_leader(graph: Graph) -> None:
+def test_depth_counts_hops_to_the_leader(graph: Graph) -> None:
     assert graph.unreachable == ()
     assert graph.depths[0] == 0
     for i in range(1, graph.size):
@@ -58,7 +60,7 @@ def test_depth_counts_the_hops_to_the_leader(graph: Graph) -> None:
 
 
 @given(graphs(), st.data())
-def test_eigenvalues_are_positive_with_a_spanning_tree(graph: Graph, data: st.DataObject) -> None:
+def test_eigenvalues_are_positive_only_with_spanning_tree(graph: Graph, data: st.DataObject) -> None:
     assert np.linalg.eigvals(Edges(graph).follower_laplacian()).real.min() > 0.0
     cut_off = data.draw(st.integers(1, graph.size - 1))
     lost = Graph(tuple(() if i == cut_off else js for i, js in enumerate(graph.neighbours)))
@@ -69,7 +71,7 @@ def test_eigenvalues_are_positive_with_a_spanning_tree(graph: Graph, data: st.Da
 CHAIN = {"a": ["leader"], "b": ["a"], "c": ["b"]}
 
 
-def test_robots_behind_a_lost_one_hold() -> None:
+def test_all_robots_behind_a_lost_robot_hold() -> None:
     found = {name: "".join(loss.holding) for name, loss in losses(team(CHAIN)).items()}
     assert found == {"leader": "abc", "a": "bc", "b": "c", "c": ""}
 
@@ -87,7 +89,7 @@ def test_robots_behind_a_lost_one_hold() -> None:
     ],
     ids=["second neighbour", "fallback", "fallback led by a fallback"],
 )
-def test_robots_behind_a_lost_one_go_on_by_others(
+def test_robots_behind_a_lost_robot_follow_other_neighbours(
     neighbours: dict[str, list[str]], fallbacks: dict[str, list[str]], instead: dict[str, tuple[str, ...]]
 ) -> None:
     mission = team(neighbours, fallbacks)
@@ -95,32 +97,32 @@ def test_robots_behind_a_lost_one_go_on_by_others(
     assert followed(mission, "c", {"a"}) == ("b",)
 
 
-def test_mutual_fallbacks_both_hold() -> None:
+def test_robots_with_mutual_fallbacks_both_hold() -> None:
     mission = team({"a": ["leader"], "b": ["a"], "c": ["a"]}, {"b": ["c"], "c": ["b"]})
     assert losing(mission, "a").holding == ("b", "c")
 
 
-def test_a_neighbour_that_follows_only_me_is_no_guide() -> None:
+def test_robot_does_not_follow_neighbour_that_follows_only_it() -> None:
     mission = team({"a": ["leader"], "b": ["a", "c"], "c": ["b"]})
     assert losing(mission, "a").holding == ("b", "c")
     assert followed(mission, "b", {"a"}) == ()
     assert followed(mission, "b", ()) == ("a", "c")
 
 
-def test_the_leaders_silence_is_no_proof_of_its_death() -> None:
+def test_fallback_replaces_silent_leader_but_not_lost_leader() -> None:
     mission = team({"a": ["leader"], "b": ["leader"]}, {"a": ["b"]})
     assert followed(mission, "a", {"leader"}) == ("b",)
     assert losing(mission, "leader").holding == ("a", "b")
 
 
-def test_fallbacks_that_never_help_are_named_and_others_are_not() -> None:
+def test_useless_fallbacks_names_only_fallbacks_that_never_help() -> None:
     mission = team(CHAIN, {"a": ["b"], "b": ["c"], "c": ["a"]})
     first, second = useless_fallbacks(mission)
     assert first.startswith("robots.a.fallback_neighbours: b never helps")
     assert second.startswith("robots.b.fallback_neighbours: c never helps")
 
 
-def least(mission: Mission, lost: str) -> set[str]:
+def connected(mission: Mission, lost: str) -> set[str]:
     """The robots with a path to the leader over neighbours and fallbacks."""
     led = {mission.leader} - {lost}
     while more := {
@@ -133,11 +135,13 @@ def least(mission: Mission, lost: str) -> set[str]:
 
 @examples(300)
 @given(teams(), st.data())
-def test_continuing_robots_always_have_a_path_without_cycle(mission: Mission, data: st.DataObject) -> None:
+def test_continuing_robots_have_path_and_follow_continuing_robots(
+    mission: Mission, data: st.DataObject
+) -> None:
     lost = data.draw(st.sampled_from(mission.followers))
     loss = losing(mission, lost)
     going = {name for name in mission.followers if name != lost} - {*loss.holding}
-    assert going <= least(mission, lost)
+    assert going <= connected(mission, lost)
     assert set(loss.instead) <= going
     gone = {lost, *loss.holding}
     for name in going:
@@ -148,17 +152,19 @@ def test_continuing_robots_always_have_a_path_without_cycle(mission: Mission, da
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(teams(cycles=False), st.data())
-def test_without_cycles_every_robot_with_neighbour_continues(mission: Mission, data: st.DataObject) -> None:
+def test_robots_with_remaining_path_continue_in_acyclic_missions(
+    mission: Mission, data: st.DataObject
+) -> None:
     lost = data.draw(st.sampled_from(mission.followers))
     going = set(mission.followers) - {*losing(mission, lost).holding} - {lost}
     number = mission.names.index
     measured = ((name, other) for name in mission.followers for other in mission.robots[name].measurable)
     if all(number(other) < number(name) for name, other in measured):
-        assert going == least(mission, lost) - {mission.leader}
+        assert going == connected(mission, lost) - {mission.leader}
 
 
 @given(teams())
-def test_chain_to_leader_survives_fewer_losses(mission: Mission) -> None:
+def test_neighbour_that_does_not_lead_stays_so_with_losses(mission: Mission) -> None:
     for name in mission.followers:
         for other in mission.robots[name].neighbours:
             if not leads(mission, other, name, ()):

@@ -19,34 +19,36 @@ ways = st.lists(st.tuples(distances, turns), min_size=1, max_size=8)
 
 
 def along(heading: complex, distance: float, turn: float) -> tuple[Travel, complex]:
-    """One arc: what odometry says of it, and the true heading at its end."""
+    """One arc: its odometry and the true heading at its end."""
     position, after = advance(0j, heading, distance, turn, 1.0)
     return Travel(distance, turn, position), after
 
 
 @given(headings, vectors, ways, gains)
-def test_error_turns_with_the_robot_and_falls_by_distance(
+def test_heading_error_rotates_with_robot_and_decays_with_distance(
     heading: complex, estimate: complex, way: list[tuple[float, float]], gain: float
 ) -> None:
-    """Forwards and backwards, however the way is cut into intervals."""
+    """Forwards and backwards, for any division of the path into intervals."""
     before = estimate - heading
     for arc in way:
         travel, heading = along(heading, *arc)
         estimate = innovation(estimate, travel, gain)
     path, turned = sum(abs(distance) for distance, _ in way), sum(turn for _, turn in way)
-    # a curved arc shows its mean heading a little short of length one: the chord over the arc
+    # the mean heading of a curved arc is shorter than one: chord over arc
     short = sum(1.0 - np.sinc(turn / (2.0 * np.pi)) for _, turn in way)
     left = before * cmath.rect(np.exp(-gain * path), turned)
     assert estimate - heading == pytest.approx(left, abs=1e-9 + short)
 
 
 @given(headings, vectors, turns, gains)
-def test_at_rest_noise_teaches_nothing(heading: complex, estimate: complex, turn: float, gain: float) -> None:
+def test_estimate_ignores_position_noise_at_rest(
+    heading: complex, estimate: complex, turn: float, gain: float
+) -> None:
     noisy = along(heading, 0.0, turn)[0]._replace(displacement=0.01 + 0.02j)
     assert innovation(estimate, noisy, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
 
 
-def test_the_observer_as_printed_diverges_and_the_mended_one_converges() -> None:
+def test_printed_observer_diverges_and_mended_observer_converges() -> None:
     def error(observe: Callable[[complex, Travel, float], complex]) -> float:
         heading, estimate = 1.0 + 0j, 0j
         for step in range(2000):
@@ -71,13 +73,13 @@ def test_only_innovation_form_converges_in_reverse() -> None:
 
 
 @given(vectors, gains)
-def test_the_printed_first_estimate_is_a_matter_of_the_origin(position: complex, gain: float) -> None:
+def test_printed_first_estimate_is_gain_times_position(position: complex, gain: float) -> None:
     estimate, _ = oracle.observer(np.zeros(2), pair(position), 0.0, 0.0, gain)
     assert pair(printed_start(position, gain)) == pytest.approx(estimate, abs=1e-9)
 
 
 @given(vectors, vectors, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0), vectors, gains)
-def test_one_interval_of_the_mended_observer_is_equation_3(
+def test_mended_observer_step_equals_equation_3(
     estimate: complex, position: complex, speed: float, turn_rate: float, velocity: complex, gain: float
 ) -> None:
     dt = 0.05

@@ -1,4 +1,4 @@
-"""What can be asked of a team: refused before anybody moves, in one sentence with what is legal."""
+"""Requests to the team: impossible ones are refused before a robot moves, with the legal values."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def gap(mission: Mission, placed_shape: PlacedShape) -> float:
         {"do": "release"},
     ],
 )
-def test_what_can_be_done_is_not_refused(what: dict[str, Any]) -> None:
+def test_possible_request_is_not_refused(what: dict[str, Any]) -> None:
     assert refusal(SIX, requested(**what)) is None
     assert refusal(SIX, requested(**what), FIRST) is None
 
@@ -93,22 +93,22 @@ def route(*legs: dict[str, Any]) -> dict[str, Any]:
         ),
     ],
 )
-def test_impossible_request_is_refused_whatever_the_shape(what: dict[str, Any], why: str) -> None:
+def test_impossible_request_is_refused_with_and_without_placed_shape(what: dict[str, Any], why: str) -> None:
     assert refusal(SIX, requested(**what)) == why
     assert refusal(SIX, requested(**what), FIRST) == why
 
 
-def test_touching_scale_names_pair_and_smallest_legal_scale() -> None:
+def test_refusal_of_touching_scale_names_pair_and_smallest_scale() -> None:
     why = refusal(SIX, requested(do="scale", factor=0.1), FIRST)
     assert why == "robot3 and robot4 would touch: 0.1 m apart, must be over 0.2 m; scale must be above 0.201"
     assert refusal(SIX, requested(do="scale", factor=0.201), FIRST) is None
-    assert refusal(SIX, requested(do="scale", factor=0.01)) is not None  # in whatever shape
+    assert refusal(SIX, requested(do="scale", factor=0.01)) is not None  # in any shape
 
 
-def test_robots_that_would_touch_on_the_way_only_are_named() -> None:
+def test_refusal_names_robots_that_touch_during_transition() -> None:
     why = refusal(MIXED, requested(do="shape", shape="crossed"), FIRST)
     assert why == "robot2 and robot6 would touch on the way: 0 m apart, must be over 0.2 m"
-    assert refusal(MIXED, requested(do="shape", shape="crossed")) is None  # nobody knows from where
+    assert refusal(MIXED, requested(do="shape", shape="crossed")) is None  # the present shape is unknown
 
 
 @pytest.mark.parametrize("scale", [1.0, 8.0, 100.0])
@@ -121,14 +121,16 @@ def test_touching_during_long_shape_transition_is_detected(scale: float) -> None
 
 
 @pytest.mark.parametrize("rotation", [0.0, 0.3, -2.0])
-def test_slots_that_touch_already_may_come_apart(rotation: float) -> None:
+def test_overlapping_slots_may_be_scaled_apart(rotation: float) -> None:
     small = FIRST._replace(scale=0.15, rotation=rotation)
     assert refusal(SIX, requested(do="scale", factor=1.0), small) is None
     assert refusal(SIX, requested(do="scale", factor=0.16), small) is not None
 
 
 @given(st.sampled_from(("hexagon", "wedge")), st.floats(0.05, 5.0), st.sampled_from(("hexagon", "wedge")))
-def test_request_is_granted_exactly_if_transition_is_free(shape: str, factor: float, before: str) -> None:
+def test_request_is_accepted_exactly_if_transition_is_collision_free(
+    shape: str, factor: float, before: str
+) -> None:
     placed_shape = PlacedShape(((before, 1.0),), 0.3, 1.0)
     request = requested(do="scale", factor=factor) if shape == before else requested(do="shape", shape=shape)
     end = wish(request, placed_shape)
@@ -153,7 +155,7 @@ def test_outermost_slot_of_turning_shape_has_speed_limit() -> None:
     assert refusal(SIX, requested(do="scale", factor=2.9), upright, legs=legs) is None
 
 
-def test_check_says_beforehand_which_shapes_cannot_turn_with_the_leader() -> None:
+def test_problems_name_shapes_whose_slots_turn_too_fast() -> None:
     upright = SIX.model_copy(update={"route": (Circle(radius=2.0, speed=1.0),)})
     turning = upright.model_copy(update={"turning": True})
     (hexagon, wedge) = (one for one in problems(turning) if "swing" in one)
@@ -172,21 +174,21 @@ def test_every_unstable_gain_is_refused_with_its_eigenvalue(count: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_hundred_stable_gains_of_a_hundred_are_accepted() -> None:
+def test_every_stable_gain_is_accepted() -> None:
     drawn_ones = list(stable(100))
     assert sum(tuning.refusal(mission, gains) is None for mission, gains, _ in drawn_ones) == 100
     assert sum(near for _, _, near in drawn_ones) > 20
 
 
 def settles(mission: Mission, k_p: float, k_i: float) -> bool:
-    """Whether the loop does, sampled at the robots' rate."""
+    """Whether the loop settles, sampled at the robots' rate."""
     period = 1.0 / mission.robots[mission.followers[0]].rate
     return held(mission, Tuned(k_p=k_p, k_i=k_i), period) < 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side", [1.0 - MARGIN, 1.0 + MARGIN])
-def test_gains_are_refused_exactly_where_the_sampled_loop_no_longer_settles(side: float) -> None:
+def test_gains_are_refused_exactly_where_sampled_loop_diverges(side: float) -> None:
     random, judged = np.random.default_rng(9), 0
     while judged < 100:
         mission = drawn(random, float(random.uniform(2.0, 50.0)), kind="paper")
@@ -239,7 +241,7 @@ def test_refusal_names_eigenvalue_and_range(mission: Mission, typed: dict[str, f
         assert tuning.refusal(mission, wanted.model_copy(update={name: outside})) is not None
 
 
-def test_velocities_fed_forward_round_a_cycle_are_looked_at_as_well() -> None:
+def test_gains_unstable_by_feed_forward_in_cycle_are_refused() -> None:
     mission = scenarios.ring(6)
     faults = {k_p: tuning.refusal(mission, Tuned(k_p=k_p, k_i=0.0)) for k_p in (1.0, 2.0, 4.0, 6.0, 8.0)}
     assert faults[1.0] is None
@@ -259,7 +261,7 @@ def test_refusal_of_large_cycle_names_pole_without_range() -> None:
     )
 
 
-def test_the_loop_without_an_integral_is_judged_by_its_positions_alone() -> None:
+def test_loop_without_integral_is_judged_by_k_p_alone() -> None:
     assert tuning.refusal(SIX, Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(scenarios.ring(6), Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(PAPER, Tuned(k_p=30.0, k_i=0.0)) is not None
@@ -289,20 +291,22 @@ def test_requests_have_unique_ids_and_keep_their_shape() -> None:
         ),
     ],
 )
-def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], output: str) -> None:
+def test_request_for_names_illegal_argument_and_legal_values(
+    do: str, what: dict[str, Any], output: str
+) -> None:
     with pytest.raises(ValueError, match=output):
         request_for(SIX, do, **what)
 
 
-def test_route_above_the_size_limit_is_not_sent() -> None:
+def test_route_above_max_request_bytes_is_refused() -> None:
     legs = [Straight(speed=0.1, heading_deg=100.0 / 3.0, duration=100.0 / 3.0)] * 300
     with pytest.raises(ValueError, match=f"route: too long, at most {MAX_REQUEST_BYTES} bytes are sent"):
         request_for(SIX, "route", legs=legs)
     assert len(encode(request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST_BYTES
 
 
-def test_single_gain_is_left_to_the_leader_to_judge() -> None:
-    assert request_for(PAPER, "tune", k_i=50.0).k_i == 50.0  # its leader may have k_p = 10 by now
+def test_request_for_does_not_judge_a_single_gain() -> None:
+    assert request_for(PAPER, "tune", k_i=50.0).k_i == 50.0  # the leader may have k_p = 10 by now
     with pytest.raises(ValueError, match="k_i = 50: overshoots"):
         request_for(PAPER, "tune", k_i=50.0, k_p=2.0)
 
@@ -312,7 +316,7 @@ def test_single_gain_is_left_to_the_leader_to_judge() -> None:
 @given(
     seed=st.integers(0, 2**32), rate=st.floats(1.0, 100.0), k_p=st.floats(-3.0, 3.0), k_i=st.floats(-3.0, 3.0)
 )
-def test_what_a_leader_may_order_every_robot_can_bear(seed: int, rate: float, k_p: float, k_i: float) -> None:
+def test_accepted_gains_are_bearable_for_every_robot(seed: int, rate: float, k_p: float, k_i: float) -> None:
     mission = drawn(np.random.default_rng(seed), rate)
     gains = Tuned(k_p=10.0**k_p, k_i=10.0**k_i)
     assume(tuning.refusal(mission, gains) is None)

@@ -1,4 +1,4 @@
-"""Range scans on the wire: as scanners really send them, and as nobody may."""
+"""Range scans on the wire: scans of real scanners are decoded, impossible ones refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LDS_01 = {
 
 
 def as_sent(little_endian: bool = True, **fields: Any) -> bytes:
-    """What a driver sends that fills the fields as an LDS-01's does, but for `fields`."""
+    """The payload of an LDS-01's driver, with `fields` replaced."""
     ranges = np.array(fields.pop("ranges", [1.0] * 360), np.float32)
     intensities = np.array(fields.pop("intensities", [50.0] * len(ranges)), np.float32)
     header, numbers = by_rosbags.header(NOW, "base_scan"), (LDS_01 | fields).values()
@@ -47,14 +47,14 @@ def test_lds_01_scan_is_decoded(little_endian: bool) -> None:
     assert (scan.range_min, scan.range_max) == pytest.approx((0.12, 3.5))
 
 
-def test_scanners_that_turn_clockwise_or_see_a_sector_are_read() -> None:
+def test_scans_of_clockwise_and_sector_scanners_are_decoded() -> None:
     clockwise = as_sent(angle_max=-359 * DEGREE, angle_increment=-DEGREE)
     assert decode(LaserScan, clockwise).angle_increment == pytest.approx(-DEGREE)
     sector = as_sent(angle_min=-2.0, angle_max=2.0, angle_increment=0.004, ranges=[1.0] * 1001)
     assert len(decode(LaserScan, sector).ranges) == 1001
 
 
-def test_beams_that_say_nothing_make_no_bad_scan() -> None:
+def test_scan_with_beams_without_range_is_decoded() -> None:
     scan = decode(LaserScan, as_sent(ranges=[math.inf, math.nan, -math.inf, 0.0, -1.0, 1e30], intensities=[]))
     assert scan.ranges[:5] == (math.inf, math.inf, -math.inf, 0.0, -1.0)
     assert scan.ranges[5] == pytest.approx(1e30)
@@ -79,7 +79,7 @@ def test_beams_that_say_nothing_make_no_bad_scan() -> None:
         ("intensities", [1.0] * 359, "359 intensities"),
     ],
 )
-def test_a_scan_that_means_nothing_is_refused(field: str, number: Any, reason: str) -> None:
+def test_scan_with_impossible_field_is_refused(field: str, number: Any, reason: str) -> None:
     fields = {field: number}
     if field == "ranges":
         fields |= {"intensities": [], "angle_increment": 0.001}
@@ -101,13 +101,13 @@ def test_a_scan_that_means_nothing_is_refused(field: str, number: Any, reason: s
         {"scan_time": -1.0},
     ],
 )
-def test_unreadable_scan_is_not_sent(change: dict[str, Any]) -> None:
+def test_encode_refuses_unreadable_scan(change: dict[str, Any]) -> None:
     with pytest.raises(BadMessage):
         encode(replace(SCAN, **change))
 
 
 @pytest.mark.parametrize("count", [MAX_BEAMS + 1, 2**16, 2**31, 2**32 - 1])
-def test_a_lying_count_of_beams_is_refused_before_anything_is_allocated(count: int) -> None:
+def test_wrong_beam_count_is_refused_without_allocating(count: int) -> None:
     payload = encode(SCAN)
     at = payload.index((360).to_bytes(4, "little"))
     tracemalloc.start()
@@ -120,6 +120,6 @@ def test_a_lying_count_of_beams_is_refused_before_anything_is_allocated(count: i
     assert peak < 100_000
 
 
-def test_the_largest_scan_that_is_read_is_read() -> None:
+def test_scan_with_max_beams_is_decoded() -> None:
     finest = replace(SCAN, angle_increment=2.0 * math.pi / MAX_BEAMS, ranges=(1.0,) * MAX_BEAMS)
     assert decode(LaserScan, encode(finest)).ranges == finest.ranges

@@ -28,7 +28,7 @@ LIMIT = 1.0
 
 
 @given(st.lists(st.floats(0.0, 5.0), min_size=1, max_size=50), st.floats(-1e6, 1e6), st.floats(-1e-4, 1e-4))
-def test_lateness_is_relative_to_quickest(ways: list[float], offset: float, drift: float) -> None:
+def test_lateness_is_relative_to_quickest_message(ways: list[float], offset: float, drift: float) -> None:
     known = quickest(offset, ways[0])
     for number, way in enumerate(ways):
         sent = number * PERIOD
@@ -62,7 +62,7 @@ def test_changing_lateness_never_settles() -> None:
         assert series.most - series.least <= MAX_LATENESS_SPREAD
 
 
-def test_late_beats_do_not_count() -> None:
+def test_counted_measures_lateness_against_quickest_beat() -> None:
     known: Count | None = None
     for beat in range(100):
         known, late = counted(known, 1, beat * PERIOD, 2.0 * beat * PERIOD, LIMIT)
@@ -71,7 +71,7 @@ def test_late_beats_do_not_count() -> None:
     assert late <= 0.0
 
 
-def test_later_term_begins_anew() -> None:
+def test_later_term_resets_lateness() -> None:
     known, _ = counted(None, 1, 0.0, 0.0, LIMIT)
     known, late = counted(known, 2, 0.0, 50.0, LIMIT)
     assert (known.term, late) == (2, 0.0)
@@ -80,7 +80,9 @@ def test_later_term_begins_anew() -> None:
 @pytest.mark.parametrize(
     ("neighbours", "k_p", "k_i", "limit"), [(2, 2.0, 1.0, 0.18), (1, 2.0, 1.0, 0.324), (4, 10.0, 0.0, 0.1)]
 )
-def test_own_age_limit_is_half_the_margin(neighbours: int, k_p: float, k_i: float, limit: float) -> None:
+def test_own_age_limit_is_half_the_delay_margin(
+    neighbours: int, k_p: float, k_i: float, limit: float
+) -> None:
     assert own_age_limit(neighbours, k_p, k_i, 20.0, 0.5) == pytest.approx(limit, abs=0.005)
 
 

@@ -30,7 +30,7 @@ def sums(edges: Edges, velocity: complex = 0j) -> Measured:
 
 
 @given(EDGES, vectors, vectors, parameters, limits, st.floats(0.001, 0.1))
-def test_paper_law_is_the_paper(
+def test_paper_law_matches_equations_of_the_paper(
     edges: Edges, integral: complex, estimate: complex, law: Gains, body: Limits, dt: float
 ) -> None:
     measured, desired = ([pair(edge[k]) for edge in edges] for k in (0, 1))
@@ -54,7 +54,7 @@ def test_commands_are_within_limits(
 
 @pytest.mark.parametrize("law", STEPS.values(), ids=STEPS)
 @given(EDGES, vectors, headings, vectors, headings, parameters, limits)
-def test_turning_the_world_turns_nothing_on_the_robot(
+def test_command_is_invariant_to_rotation_of_the_world(
     law: Step,
     edges: Edges,
     integral: complex,
@@ -104,7 +104,9 @@ def test_slot_slower_than_sideways_speed_comes_nearer(
 
 
 @given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, st.floats(0.5, 12.0), BODIES)
-def test_wanted_velocity_is_possible(away: complex, velocity: complex, gain: float, body: Limits) -> None:
+def test_intercepting_velocity_is_within_max_speed(
+    away: complex, velocity: complex, gain: float, body: Limits
+) -> None:
     towards, closing = away / abs(away), stoppable(abs(away), gain, away / abs(away), body)
     closing = intercepting(towards, velocity, closing, body)
     assert closing >= 0.0
@@ -112,7 +114,7 @@ def test_wanted_velocity_is_possible(away: complex, velocity: complex, gain: flo
 
 
 @given(vectors.filter(lambda e: abs(e) > 1e-3), headings, st.floats(1.01, 10.0), BODIES)
-def test_wanted_velocity_is_in_cone(away: complex, direction: complex, excess: float, body: Limits) -> None:
+def test_turning_velocity_is_in_cone(away: complex, direction: complex, excess: float, body: Limits) -> None:
     towards, sideways = away / abs(away), CONE_SHARE * body.offset * body.max_turn_rate
     velocity = excess * sideways * direction
     wanted = velocity + turning(towards, velocity, 1e3, body) * towards
@@ -144,18 +146,18 @@ def test_turn_can_be_stopped_by_the_ramp(angle: float, acceleration: float) -> N
 
 
 def ahead(away: complex, velocity: complex, gain: float, body: Limits) -> Command:
-    """What the field law commands a robot that faces along x."""
+    """The field law's command for a robot that faces along x."""
     return field(0j, 1.0 + 0j, Measured(away, 0j, 1, velocity), Gains(gain, 0.0), body, 0.05)[0]
 
 
-def test_turn_rate_is_kept_to_what_the_ramp_can_stop() -> None:
+def test_turn_rate_is_limited_to_stoppable_turn() -> None:
     slow = Limits(0.05, 1.0, 2.0, 1.0)
     turn_rate = ahead(0j, 1.0 + 0.1j, 2.0, slow).turn_rate
     assert turn_rate == stoppable_turn(math.atan2(0.1, 1.0), slow) < 2.0
     assert ahead(0j, 1.0 + 0.1j, 2.0, slow._replace(acceleration=math.inf)).turn_rate == 2.0
 
 
-def test_robot_reverses_to_a_slot_far_behind_only() -> None:
+def test_robot_reverses_only_to_slot_far_behind() -> None:
     body = Limits(0.2, 1.5, 1.5)
     reversing = ahead(-3.0 - 0.5j, 0j, 8.0, body)
     assert reversing.speed < 0.0 < reversing.turn_rate
@@ -164,14 +166,14 @@ def test_robot_reverses_to_a_slot_far_behind_only() -> None:
 
 
 @given(st.floats(0.0, 2.0), st.floats(0.1, 1.0), st.floats(0.3, 2.0))
-def test_weight_falls_with_excess_over_the_leader(speed: float, leader: float, top: float) -> None:
+def test_weight_falls_with_speed_above_leader_speed(speed: float, leader: float, top: float) -> None:
     least = weight(speed + 0j, leader, top)
     assert 0.0 < least <= weight(0.9 * speed * 1j, leader, top) <= 50.0
     assert (least == 50.0) is (speed <= leader)
 
 
 @given(EDGES, headings, vectors, parameters)
-def test_proportional_law_adds_its_neighbours_velocity_to_the_nominal_law(
+def test_proportional_law_adds_neighbour_velocity_to_nominal_law(
     edges: Edges, heading: complex, velocity: complex, law: Gains
 ) -> None:
     measured = sums(edges, velocity)
@@ -183,10 +185,10 @@ def test_proportional_law_adds_its_neighbours_velocity_to_the_nominal_law(
 
 @pytest.mark.parametrize("controller", LAWS.values(), ids=LAWS)
 @given(EDGES, headings, vectors, parameters, limits)
-def test_declared_needs_of_a_law_are_its_own(
+def test_law_ignores_inputs_declared_unused(
     controller: Controller, edges: Edges, heading: complex, velocity: complex, law: Gains, body: Limits
 ) -> None:
-    """What a `Controller` says that it does not use has no effect."""
+    """Inputs that its `Controller` declares unused have no effect."""
     step, still = controller.step, sums(edges)
     if not controller.integral:
         reported, kept = step(1.0 + 2.0j, heading, still, law, body, 0.05)

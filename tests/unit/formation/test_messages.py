@@ -1,4 +1,4 @@
-"""ROS 2 messages: byte for byte those of rosbags, and refused where they mean nothing."""
+"""ROS 2 messages: the same bytes as from rosbags; impossible messages are refused."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from tests.support.mutations import mutated
 from tests.unit.formation import by_rosbags
 from tests.unit.formation.examples import CLASSES, EXAMPLES, NOW, ODOMETRY, read, same
 
-stamps = st.floats(1e7, 2**31 - 2)  # where a double resolves no less than a nanosecond
+stamps = st.floats(1e7, 2**31 - 2)  # where doubles are over a nanosecond apart
 metres = st.floats(-1e6, 1e6)
 positions = st.builds(complex, metres, metres)
 rates = st.floats(-1e3, 1e3)
@@ -80,19 +80,19 @@ messages: st.SearchStrategy[Message] = st.one_of(
 
 
 @given(messages)
-def test_every_message_comes_back_as_it_was_sent(message: Message) -> None:
+def test_decode_inverts_encode_for_every_message(message: Message) -> None:
     payload = encode(message)
     assert payload[:4] == bytes((0, 1, 0, 0))
     assert same(read(message, payload), message)
 
 
 @given(messages)
-def test_every_message_survives_the_other_byte_order(message: Message) -> None:
+def test_big_endian_message_is_decoded(message: Message) -> None:
     payload = by_rosbags.written(message, little_endian=False)
     assert same(read(message, payload), message)
 
 
-def test_a_pose_has_the_bytes_that_cdr_says() -> None:
+def test_pose_is_encoded_as_cdr() -> None:
     header = struct.pack("<iII4s", 7, 500_000_000, 4, b"map\0")
     assert encode(Pose(7.5, 3 + 4j, -1 + 0j)) == bytes((0, 1, 0, 0)) + header + struct.pack(
         "<7d", 3, 4, 0, 0, 0, 1, 0
@@ -100,13 +100,13 @@ def test_a_pose_has_the_bytes_that_cdr_says() -> None:
 
 
 @given(st.floats(-math.pi, math.pi))
-def test_a_heading_is_the_turn_about_z(angle: float) -> None:
+def test_half_turn_of_heading_is_rotation_about_z(angle: float) -> None:
     half = math.sin(angle / 2), math.cos(angle / 2)
     assert ros.half_turn(cmath.rect(1.0, angle)) == pytest.approx(half, abs=1e-15)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-0.13, 0.13), st.floats(-0.13, 0.13))
-def test_the_heading_of_a_slightly_tilted_robot_is_its_yaw(yaw: float, pitch: float, roll: float) -> None:
+def test_heading_of_slightly_tilted_robot_is_its_yaw(yaw: float, pitch: float, roll: float) -> None:
     turns = [(yaw, "z"), (pitch, "y"), (roll, "x")]
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     for angle, axis in turns:
@@ -120,19 +120,19 @@ def test_the_heading_of_a_slightly_tilted_robot_is_its_yaw(yaw: float, pitch: fl
     assert abs(ros.heading_of(x, y, z, w) - cmath.rect(1.0, yaw)) < 1e-12
 
 
-def test_a_stamp_keeps_its_nanoseconds() -> None:
+def test_stamp_keeps_nanoseconds() -> None:
     assert decode(TwistStamped, encode(TwistStamped(12.345678901, 0, 0))).stamp == pytest.approx(
         12.345678901, abs=1e-9
     )
     assert decode(TwistStamped, encode(TwistStamped(0.9999999999, 0, 0))).stamp == 1.0
 
 
-def test_drifted_heading_is_sent_with_unit_length() -> None:
+def test_drifted_heading_is_encoded_with_unit_length() -> None:
     assert decode(Pose, encode(Pose(NOW, 0j, 1.005j))).heading == pytest.approx(1j, abs=1e-15)
 
 
 @pytest.mark.parametrize("describe", [definition, type_hash])
-def test_an_unknown_type_is_named(describe: Any) -> None:
+def test_error_names_unknown_type(describe: Any) -> None:
     with pytest.raises(KeyError, match="nav_msgs/Odometry"):
         describe("nav_msgs/Odometry")
 
@@ -141,22 +141,22 @@ CORPUS = {type(one): encode(one) for one in EXAMPLES}
 
 
 def outcome(cls: type[Any], payload: bytes) -> tuple[Any, ...] | None:
-    """A message's fields; None if it is bad."""
+    """The fields of the decoded message; None if it is refused."""
     try:
         message = decode(cls, payload)
     except BadMessage:
         return None
-    assert same(decode(cls, encode(message)), message), "what is read can be sent"
+    assert same(decode(cls, encode(message)), message), "a decoded message can be encoded"
     return tuple(getattr(message, field.name) for field in fields(message))
 
 
 @given(messages)
-def test_a_message_has_the_bytes_that_rosbags_gives_it(message: Message) -> None:
+def test_encode_gives_same_bytes_as_rosbags(message: Message) -> None:
     assert encode(message) == by_rosbags.written(message)
 
 
 @pytest.mark.parametrize("length", range(40))
-def test_so_it_has_with_names_of_any_length(length: int) -> None:
+def test_messages_with_texts_of_any_length_match_rosbags(length: int) -> None:
     name, other = "f" * length, "child" * length
     statuses = (Status(name, 1, other, name, {name: other, other: ""}), Status(other, 0, ""))
     longer: tuple[Message, ...] = (
@@ -174,7 +174,7 @@ def test_so_it_has_with_names_of_any_length(length: int) -> None:
 
 @pytest.mark.parametrize("cls", CLASSES)
 @pytest.mark.parametrize("seed", [0, *slow(1, 2, 3)])
-def test_whatever_the_bytes_rosbags_would_read_the_same(cls: type[Any], seed: int) -> None:
+def test_decode_agrees_with_rosbags_on_mutated_payloads(cls: type[Any], seed: int) -> None:
     rng, accepted = random.Random(seed), 0
     corpus = [CORPUS[cls], *CORPUS.values(), CORPUS[cls], CORPUS[cls]]
     corpus += [by_rosbags.written(one, little_endian=False) for one in EXAMPLES if type(one) is cls]
@@ -183,10 +183,10 @@ def test_whatever_the_bytes_rosbags_would_read_the_same(cls: type[Any], seed: in
         found = outcome(cls, payload)
         assert repr(found) == repr(by_rosbags.read(cls, payload))
         accepted += found is not None
-    assert 100 < accepted < 2000  # or this has shown little
+    assert 100 < accepted < 2000  # both outcomes occur often
 
 
-def test_any_pose_is_decoded_exactly() -> None:
+def test_decode_agrees_with_rosbags_on_random_poses() -> None:
     rng = random.Random(5)
     for _ in range(2000):
         numbers = [rng.uniform(-1e6, 1e6), rng.uniform(-1e6, 1e6), 0.0, rng.gauss(0.0, 0.01), 0.01]
@@ -196,7 +196,7 @@ def test_any_pose_is_decoded_exactly() -> None:
         assert repr(outcome(Pose, payload)) == repr(by_rosbags.read(Pose, payload))
 
 
-def test_long_texts_of_strangers_are_not_kept() -> None:
+def test_decoded_long_texts_are_not_kept_in_memory() -> None:
     tracemalloc.start()
     try:
         for number in range(300):
@@ -207,33 +207,33 @@ def test_long_texts_of_strangers_are_not_kept() -> None:
     assert kept < 1_000_000
 
 
-def test_the_hashes_of_all_types_are_those_that_rosbags_finds() -> None:
+def test_type_hashes_match_rosbags() -> None:
     read_by_follow = {"nav_msgs/msg/Path"}
     assert BY_TYPE.keys() == {name for topic in TABLE for name in topic.types} | read_by_follow
     assert all(type_hash(name) == by_rosbags.STORE.hash_rihs01(name) for name in BY_TYPE)
 
 
-def test_the_definitions_of_all_types_are_those_that_rosbags_has() -> None:
+def test_type_definitions_match_rosbags() -> None:
     for name in {name for topic in TABLE for name in topic.types}:
         assert definition(name) == by_rosbags.STORE.generate_msgdef(name, ros_version=2)[0]
 
 
 def with_number(payload: bytes, index: int, number: float) -> bytes:
-    """The payload with its last-but-`index` double replaced."""
+    """The payload with its `index`-th double from the end replaced."""
     at = len(payload) - 8 * index
     return payload[:at] + struct.pack("<d", number) + payload[at + 8 :]
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1e7])
 @pytest.mark.parametrize("index", range(1, 8))
-def test_a_pose_with_a_number_that_cannot_be_is_refused(index: int, number: float) -> None:
+def test_pose_with_impossible_number_is_refused(index: int, number: float) -> None:
     with pytest.raises(BadMessage, match="geometry_msgs/msg/PoseStamped"):
         decode(Pose, with_number(encode(Pose(NOW, 1 + 2j, 1j)), index, number))
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1.1e3])
 @pytest.mark.parametrize("index", range(1, 7))
-def test_a_twist_with_a_number_that_cannot_be_is_refused(index: int, number: float) -> None:
+def test_twist_with_impossible_number_is_refused(index: int, number: float) -> None:
     with pytest.raises(BadMessage, match=r"(speed|turn rate) is"):
         decode(Twist, with_number(encode(Twist(0.1, 0.2)), index, number))
 
@@ -247,14 +247,14 @@ def test_a_twist_with_a_number_that_cannot_be_is_refused(index: int, number: flo
         ((0.2, 0, 0, math.sqrt(0.96)), "tilted by 0.40"),
     ],
 )
-def test_an_orientation_that_is_no_heading_is_refused(quaternion: tuple[float, ...], reason: str) -> None:
+def test_tilted_or_unnormalised_orientation_is_refused(quaternion: tuple[float, ...], reason: str) -> None:
     payload = encode(Pose(NOW, 0j, 1 + 0j))
     with pytest.raises(BadMessage, match=reason):
         decode(Pose, payload[:-32] + struct.pack("<4d", *quaternion))
 
 
 @pytest.mark.parametrize(("seconds", "nanoseconds"), [(-1, 0), (5, 1_000_000_000), (5, 2**32 - 1)])
-def test_a_stamp_that_is_no_time_is_refused(seconds: int, nanoseconds: int) -> None:
+def test_impossible_stamp_is_refused(seconds: int, nanoseconds: int) -> None:
     payload = encode(ODOMETRY)
     with pytest.raises(BadMessage, match="stamp"):
         decode(Odometry, payload[:4] + struct.pack("<iI", seconds, nanoseconds) + payload[12:])
@@ -262,26 +262,26 @@ def test_a_stamp_that_is_no_time_is_refused(seconds: int, nanoseconds: int) -> N
 
 @pytest.mark.parametrize("cls", CLASSES)
 @pytest.mark.parametrize("payload", [b"", b"\0\1\0\0", b"\0\1\0", b"\1\1\0\0" + bytes(800), b"{}", bytes(4)])
-def test_an_empty_or_headless_payload_is_refused(cls: type[Any], payload: bytes) -> None:
+def test_payload_without_cdr_header_is_refused(cls: type[Any], payload: bytes) -> None:
     with pytest.raises(BadMessage, match="no CDR header"):
         decode(cls, payload)
 
 
-def test_every_shorter_payload_is_refused() -> None:
+def test_truncated_payload_is_refused() -> None:
     payload = encode(ODOMETRY)
     for length in range(len(payload)):
         with pytest.raises(BadMessage):
             decode(Odometry, payload[:length])
 
 
-def test_trailing_bytes_are_refused_unless_they_are_padding() -> None:
+def test_trailing_bytes_beyond_padding_are_refused() -> None:
     payload = encode(Twist(1.0, 2.0))
     assert decode(Twist, payload + bytes(3)) == Twist(1.0, 2.0)
     with pytest.raises(BadMessage, match="size mismatch"):
         decode(Twist, payload + bytes(4))
 
 
-def test_one_type_is_not_taken_for_another() -> None:
+def test_payload_of_another_type_is_refused() -> None:
     for example in EXAMPLES:
         for cls in CLASSES:
             if cls is not type(example):
@@ -290,7 +290,7 @@ def test_one_type_is_not_taken_for_another() -> None:
 
 
 @pytest.mark.parametrize("length", [0, 2**31, 2**32 - 1])
-def test_a_lying_length_is_refused_before_anything_is_allocated(length: int) -> None:
+def test_wrong_length_field_allocates_little_memory(length: int) -> None:
     payload = bytearray(encode(Diagnostics(NOW, (Status("agent", 0, "running", values={"a": "b"}),))))
     for at in range(12, len(payload) - 4, 4):
         lying = payload[:at] + struct.pack("<I", length) + payload[at + 4 :]
@@ -305,7 +305,7 @@ def test_a_lying_length_is_refused_before_anything_is_allocated(length: int) -> 
         assert peak < 100_000
 
 
-def test_a_payload_beyond_all_reason_is_refused_unread() -> None:
+def test_payload_above_max_payload_bytes_is_refused() -> None:
     with pytest.raises(BadMessage, match=f"at most {MAX_PAYLOAD_BYTES}"):
         decode(Diagnostics, b"\0\1\0\0" + bytes(MAX_PAYLOAD_BYTES))
     with pytest.raises(BadMessage, match=f"at most {MAX_PAYLOAD_BYTES}"):
@@ -330,12 +330,12 @@ def test_a_payload_beyond_all_reason_is_refused_unread() -> None:
         Diagnostics(NOW, (Status("agent", 4, ""),)),
     ],
 )
-def test_what_no_receiver_would_accept_is_not_sent(message: Message) -> None:
+def test_encode_refuses_message_with_impossible_value(message: Message) -> None:
     with pytest.raises(BadMessage):
         encode(message)
 
 
-def test_control_characters_reach_no_terminal() -> None:
+def test_encode_replaces_and_decode_refuses_control_characters() -> None:
     sent = Diagnostics(NOW, (Status("agent", 2, "line\nline \x1b[2J \ud800", values={"\0": "\r"}),))
     received = decode(Diagnostics, encode(sent)).statuses[0]
     assert received.message == "line line  [2J  "

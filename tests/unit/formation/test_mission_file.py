@@ -1,4 +1,4 @@
-"""A mission file is legal, or it gets one clear error: file, key, value, and what is legal."""
+"""A mission file is read, or refused in one line that names file, key, value and legal values."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_every_shipped_mission_is_legal(name: str) -> None:
     assert load(name).name == name.replace("_", "-")
 
 
-def test_the_default_mission_is_the_papers_section_4() -> None:
+def test_default_mission_is_section_4_of_the_paper() -> None:
     mission = load("six_robots")
     followers = [mission.robots[f"robot{i}"] for i in range(2, 7)]
     assert (mission.law.kind, mission.law.k_p, mission.law.k_i) == ("field", 2.0, 1.0)
@@ -111,18 +111,18 @@ def test_error_names_file_key_value_and_legal_values(old: str, new: str, says: l
         assert words in error
 
 
-def test_robots_without_a_path_to_the_leader_are_named() -> None:
+def test_error_names_robots_without_path_to_the_leader() -> None:
     text = SIX.replace('["robot2", "robot3"]', '["robot5"]').replace('["robot3", "robot4"]', '["robot4"]')
     with pytest.raises(MissionError, match="from robot4, robot5, robot6 to the leader 'robot1'") as caught:
         parse(text.replace('["robot4", "robot5"]', '["robot5"]'), "six.toml")
     assert "robots.robot4.neighbours = ['robot5']" in str(caught.value)
 
 
-def test_a_mistake_in_the_defaults_is_one_mistake() -> None:
+def test_mistake_in_robot_defaults_is_reported_once() -> None:
     assert "more" not in error_of("rate = 20", "rate = 0")
 
 
-def test_two_agents_cannot_listen_on_one_endpoint() -> None:
+def test_endpoint_shared_by_two_processes_is_refused() -> None:
     one = 'endpoint = "tcp/h:1"'
     text = edited(SIX, "robots.robot4", one)
     with pytest.raises(
@@ -138,7 +138,7 @@ def test_two_agents_cannot_listen_on_one_endpoint() -> None:
     ["192.168.1.12:7460", "tls/192.168.1.12", "tls/192.168.1.12:0", "tls/192.168.1.12:74600",
      "tls/192.168.1.300:7460", "http/192.168.1.12:80", "tls/ 192.168.1.12:7460", ""],
 )  # fmt: skip
-def test_what_is_no_endpoint_is_answered_with_one_that_is(endpoint: str) -> None:
+def test_refusal_of_invalid_endpoint_gives_an_example(endpoint: str) -> None:
     for above, key in (
         ("rate = 20", "robot.robot_endpoint"),
         ("[robots.robot2]\n", "robots.robot2.endpoint"),
@@ -149,26 +149,26 @@ def test_what_is_no_endpoint_is_answered_with_one_that_is(endpoint: str) -> None
 
 
 @pytest.mark.parametrize("endpoint", ["tls/192.168.1.12:7460", "tcp/[::1]:7447", "tls/robot_1.local:1"])
-def test_an_endpoint_may_be_an_address_or_a_name(endpoint: str) -> None:
+def test_endpoint_with_address_or_host_name_is_accepted(endpoint: str) -> None:
     mission = parse(edited(SIX, "robots.robot2", f'endpoint = "{endpoint}"'))
     assert mission.robots["robot2"].endpoint == endpoint
 
 
-def test_an_unknown_mission_names_the_shipped_ones() -> None:
+def test_error_for_unknown_mission_names_shipped_missions() -> None:
     with pytest.raises(MissionError, match=r"nowhere: no such file.*six_robots"):
         load("nowhere")
 
 
-def test_a_folder_or_a_binary_file_is_no_mission(tmp_path: Path) -> None:
+def test_folder_binary_file_and_pipe_are_refused(tmp_path: Path) -> None:
     binary, pipe = tmp_path / "mission.toml", tmp_path / "pipe.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    os.mkfifo(pipe)  # it is not waited for
+    os.mkfifo(pipe)  # load does not wait for it
     for path, reason in ((tmp_path, "cannot be read"), (binary, "UTF-8"), (pipe, "is a pipe or a device")):
         with pytest.raises(MissionError, match=reason):
             load(path)
 
 
-def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
+def test_deeply_nested_mission_is_refused_in_one_line() -> None:
     with pytest.raises(MissionError, match=r"^deep\.toml: not a mission: .* deep$"):
         parse("name = " + "[" * 20_000 + "]" * 20_000, "deep.toml")
 
@@ -194,7 +194,7 @@ def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
         ),
     ],
 )
-def test_a_standby_that_cannot_be_is_named(tables: str, says: list[str]) -> None:
+def test_error_names_impossible_standby(tables: str, says: list[str]) -> None:
     error = refusal(f"{SIX}\n{tables}\n")
     assert all(words in error for words in says), error
 
@@ -207,7 +207,7 @@ def test_takeover_too_short_for_follower_rate_is_refused() -> None:
     assert parse(text.replace("rate = 3 ", "rate = 4 ") + "[standbys.one]\n").standbys
 
 
-def test_as_many_standbys_as_terms_can_tell_apart_are_legal() -> None:
+def test_mission_with_63_standbys_is_accepted() -> None:
     mission = parse(SIX + "".join(f"[standbys.s{i}]\n" for i in range(63)))
     assert mission.candidates == ("robot1", *(f"s{i}" for i in range(63)))
 
@@ -222,12 +222,12 @@ def test_as_many_standbys_as_terms_can_tell_apart_are_legal() -> None:
         ("robot1", 'fallback_neighbours = ["robot2"]', ["['robot2']", "must be empty: the leader"]),
     ],
 )
-def test_a_fallback_neighbour_that_cannot_be_is_named(robot: str, keys: str, says: list[str]) -> None:
+def test_error_names_impossible_fallback_neighbour(robot: str, keys: str, says: list[str]) -> None:
     error = refusal(edited(SIX, f"robots.{robot}", keys))
     assert all(words in error for words in (f"robots.{robot}.fallback_neighbours", *says)), error
 
 
-def test_fallback_neighbours_give_no_path_to_the_leader() -> None:
+def test_fallback_neighbours_do_not_count_as_path_to_leader() -> None:
     text = edited(SIX, "robots.robot2", 'neighbours = []\nfallback_neighbours = ["robot1"]')
     with pytest.raises(MissionError, match="no path of neighbours leads from robot2"):
         parse(text)
@@ -263,7 +263,7 @@ def test_hostile_toml_is_refused_in_one_line(old: str, new: str, says: str) -> N
     assert error.isprintable()
 
 
-def test_dots_elsewhere_than_in_keys_do_not_count() -> None:
+def test_only_dots_in_keys_count_as_key_parts() -> None:
     prose, numbers, lines = "x." * 200, "1.5, " * 200, "y.\n" * 200
     text = f'# {"." * 200}\na = "{prose}"\nb = [{numbers}]\nc = """{lines}"""\n'
     assert loads(text)["b"] == [1.5] * 200
@@ -274,12 +274,12 @@ def test_dots_elsewhere_than_in_keys_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
-def test_a_device_is_refused(path: str) -> None:
+def test_device_file_is_refused(path: str) -> None:
     with pytest.raises(MissionError, match=f"{path}: must be a file, is a pipe or a device"):
         load(path)
 
 
-def test_a_huge_file_is_not_read_to_its_end(tmp_path: Path) -> None:
+def test_load_refuses_file_above_max_mission_bytes(tmp_path: Path) -> None:
     file = tmp_path / "huge.toml"
     file.touch()
     os.truncate(file, 50 * 10**9)
@@ -288,14 +288,14 @@ def test_a_huge_file_is_not_read_to_its_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a\0b", "\ud800.toml", "."])
-def test_what_is_no_file_is_refused(name: str) -> None:
+def test_path_that_is_no_file_is_refused(name: str) -> None:
     with pytest.raises(MissionError, match="cannot be read"):
         load(name)
 
 
 @given(st.lists(st.tuples(vectors, st.floats(0.0, 3.0)), max_size=12))
 @example([(0j, 1.0), (2.0 + 0j, 1.0), (4.5 + 0j, 1.0)])  # the first two just touch
-def test_sweep_equals_comparing_all_pairs(discs: list[tuple[complex, float]]) -> None:
+def test_too_close_equals_comparing_all_pairs(discs: list[tuple[complex, float]]) -> None:
     pairs = combinations(enumerate(discs), 2)
     apart = {(i, j): (abs(one[0] - other[0]), one[1] + other[1]) for (i, one), (j, other) in pairs}
     found = list(too_close([centre for centre, _ in discs], [radius for _, radius in discs]))

@@ -1,4 +1,4 @@
-"""ROS names: what is logical, how either dialect spells it, and back."""
+"""ROS names: logical keys, their spelling in both dialects, and back."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def pair(keys: str = "", robot1: str = "", robot2: str = "") -> Mission:
 
 
 def first(keys: str = "", robot1: str = "") -> Naming:
-    """Names of robot1 in that mission."""
+    """The names of robot1 in the mission of `pair`."""
     return Naming.of(pair(keys, robot1).robots, ["robot1"])
 
 
-def test_a_bridge_uses_the_ros_name_without_its_slash() -> None:
+def test_ros2dds_keys_are_ros_names_without_slash() -> None:
     mission = pair()
     naming = Naming.of(mission.robots, mission.names)
     assert naming.key(ODOM, "robot1") == "robot1/odom"
@@ -44,7 +44,7 @@ def test_a_bridge_uses_the_ros_name_without_its_slash() -> None:
     assert naming.tokens("agent", ["robot1/cmd_vel"], ["robot1/odom"], "abc") == ()
 
 
-def test_a_robot_without_namespace_has_bare_topics() -> None:
+def test_robot_without_namespace_has_bare_topics() -> None:
     naming = first(robot1='namespace = ""')
     assert naming.key(ODOM, "robot1") == "odom"
     assert naming.logical("odom") == "robot1/odom"
@@ -54,7 +54,7 @@ def test_a_robot_without_namespace_has_bare_topics() -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "digest"), [("twist", "Twist", TWIST), ("twist_stamped", "TwistStamped", STAMPED)]
 )
-def test_rmw_zenoh_writes_domain_type_and_hash_into_the_key(kind: str, name: str, digest: str) -> None:
+def test_rmw_zenoh_key_contains_domain_type_and_hash(kind: str, name: str, digest: str) -> None:
     naming = first(f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"', 'namespace = "lab/burger_1"')
     spelled = f"30/lab/burger_1/cmd_vel/geometry_msgs::msg::dds_::{name}_/RIHS01_{digest}"
     assert naming.wire("robot1/cmd_vel") == naming.key(CMD_VEL, "robot1") == spelled
@@ -68,7 +68,7 @@ def test_wrong_message_type_gives_another_key() -> None:
     assert naming.logical(wrong) is None
 
 
-def test_the_attachment_has_33_bytes_with_sequence_time_and_sender() -> None:
+def test_attachment_has_33_bytes_with_sequence_time_and_sender() -> None:
     naming = first('ros = "rmw_zenoh"')
 
     def parts(key: str, sequence: int, time: float, zid: str) -> tuple[int, int, int, bytes]:
@@ -83,7 +83,7 @@ def test_the_attachment_has_33_bytes_with_sequence_time_and_sender() -> None:
     assert parts("robot1/odom", 7, 0.0, "abc")[3] != gid
 
 
-def test_tokens_show_a_node_with_what_it_publishes_and_hears() -> None:
+def test_tokens_show_node_publishers_and_subscribers() -> None:
     node, says, scan, receives = first('ros = "rmw_zenoh"\ndomain = 3').tokens(
         "formation_agent", ["robot1/cmd_vel"], ["robot1/scan", "robot1/odom"], "a1b2"
     )
@@ -121,14 +121,14 @@ def test_formation_topics_follow_the_requested_dialect() -> None:
     assert key.startswith("5/formation/error/std_msgs::msg::dds_::Float64_/RIHS01_")
 
 
-def test_robots_that_ros_cannot_tell_apart_cannot_share_a_session() -> None:
+def test_robots_with_equal_ros_names_cannot_share_session() -> None:
     mission = pair('namespace = ""')
     with pytest.raises(ValueError, match=r"robot1/odom and robot2/odom cannot share .* both /odom"):
         Naming.of(mission.robots, mission.followers)
     assert Naming.of(mission.robots, ["robot2"]).key(ODOM, "robot2") == "odom"
 
 
-def test_a_key_that_is_not_in_the_table_is_an_error() -> None:
+def test_key_outside_topic_table_raises_error() -> None:
     with pytest.raises(ValueError, match="no key of the topic table"):
         first().wire("robot1/battery")
     with pytest.raises(KeyError):
@@ -148,7 +148,7 @@ NAMESPACES = st.one_of(
     dialects=st.lists(st.sampled_from(["ros2dds", "rmw_zenoh"]), min_size=6, max_size=6),
     domains=st.lists(st.sampled_from([0, 1, 232]), min_size=6, max_size=6),
 )
-def test_every_key_has_one_spelling_and_every_spelling_one_key(
+def test_wire_and_logical_keys_are_one_to_one(
     namespaces: list[str | None], dialects: list[str], domains: list[int]
 ) -> None:
     text = SIX
@@ -167,7 +167,7 @@ def test_every_key_has_one_spelling_and_every_spelling_one_key(
     try:
         naming = Naming.of(mission.robots, names)
     except ValueError:
-        return  # two share a name: then there must be no naming, and else no two may
+        return  # two robots share a name, so there is no naming
     assert_one_to_one(naming, keys)
 
 
@@ -177,7 +177,7 @@ def assert_one_to_one(naming: Naming, keys: list[str]) -> None:
     assert len(set(wires)) == len(keys)
 
 
-def test_a_type_has_a_name_in_dds_and_back() -> None:
+def test_ros_type_inverts_dds_type() -> None:
     types = {name for topic in TABLE for name in topic.types}
     assert dds_type("nav_msgs/msg/Odometry") == "nav_msgs::msg::dds_::Odometry_"
     assert {ros_type(dds_type(name)) for name in types} == types
@@ -197,7 +197,7 @@ PATHS = st.lists(PARTS, min_size=1, max_size=4).map("/".join)
     st.integers(0, 232), st.integers(0, 99), st.sampled_from(["NN", "MP", "MS", "SS", "SC"]),
     PATHS, PARTS, PATHS,
 )  # fmt: skip
-def test_a_token_is_read_as_it_was_written(
+def test_read_token_inverts_token_key(
     domain: int, number: int, kind: str, namespace: str, node: str, topic: str
 ) -> None:
     token = Token(domain, "a1b2", number, number + 1, kind, namespace, node)
@@ -207,7 +207,7 @@ def test_a_token_is_read_as_it_was_written(
 
 
 @given(st.text(alphabet="@ros2_lv/0NMP%:,aé*$", max_size=60))
-def test_whatever_else_a_key_is_it_is_no_token(key: str) -> None:
+def test_read_token_accepts_random_keys_without_error(key: str) -> None:
     token = read_token(f"@ros2_lv/{key}")
     assert token is None or token.key.startswith("@ros2_lv/")
 
@@ -218,7 +218,7 @@ def test_token_with_unknown_extension_is_still_read() -> None:
     assert read_token(f"{token._replace(kind='NN').key}/more") is not None
 
 
-def test_a_bridges_route_is_read() -> None:
+def test_read_route_parses_only_bridge_routes() -> None:
     key = "@/a1b2/@ros2_lv/MS/robot1§cmd_vel/geometry_msgs§msg§Twist/:1:0:0,10:typehash=RIHS01_9c;"
     assert read_route(key) == Route("a1b2", "MS", "robot1/cmd_vel", "geometry_msgs/msg/Twist")
     service = "@/a1b2/@ros2_lv/SS/robot1§reset_odometry/std_srvs§srv§Trigger"
@@ -235,7 +235,7 @@ def test_a_bridges_route_is_read() -> None:
         "@ros2_lv/0/abc/0/²/NN/%/%/agent", "@ros2_lv/0/abc//0/NN/%/%/agent",
     ],
 )  # fmt: skip
-def test_a_key_that_is_no_token_is_none(key: str) -> None:
+def test_read_token_returns_none_for_other_keys(key: str) -> None:
     assert read_token(key) is None
 
 
@@ -261,14 +261,14 @@ def test_a_key_that_is_no_token_is_none(key: str) -> None:
         ),
     ],
 )
-def test_a_mistake_in_what_ros_is_told_is_named(keys: str, says: list[str]) -> None:
+def test_error_names_illegal_ros_setting(keys: str, says: list[str]) -> None:
     with pytest.raises(MissionError) as caught:
         pair(keys)
     for words in says:
         assert words in str(caught.value)
 
 
-def test_loopback_is_another_router_on_each_machine() -> None:
+def test_loopback_router_is_separate_on_each_machine() -> None:
     bare = 'namespace = ""\nrobot_endpoint = "tcp/127.0.0.1:7447"'
     ends = [f'endpoint = "tls/192.168.1.{number}:7460"' for number in (12, 13)]
     assert pair(bare, *ends).robots["robot2"].namespace == ""
@@ -279,7 +279,7 @@ def test_loopback_is_another_router_on_each_machine() -> None:
         pair(bare.replace("127.0.0.1", "192.168.1.5"), *ends)
 
 
-def test_robots_behind_one_router_keep_their_topics_apart() -> None:
+def test_robots_behind_one_router_need_distinct_topics() -> None:
     one = 'robot_endpoint = "tcp/10.0.0.1:7447"'
     assert pair(one).robots["robot2"].robot_endpoint == "tcp/10.0.0.1:7447"
     with pytest.raises(MissionError, match=r"robots\.robot2\.namespace = 'robot1'.*apart from robot1's"):

@@ -1,4 +1,4 @@
-"""Orders, requests and replies on the wire, and what came of a request."""
+"""Orders, requests and replies on the wire, and the outcome of a request."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ orders = st.builds(
 
 
 @given(orders)
-def test_an_order_comes_back_as_it_was_sent(order: Order) -> None:
+def test_decode_inverts_encode_for_orders(order: Order) -> None:
     data = encode(order)
     assert len(data) <= MAX_ORDER_BYTES
     assert decode(Order, data) == order
 
 
 @given(orders, orders)
-def test_of_two_orders_the_later_beat_or_term_supersedes(a: Order, b: Order) -> None:
+def test_newer_compares_term_then_beat(a: Order, b: Order) -> None:
     for other in (b, b.model_copy(update={"term": a.term})):
         assert newer(a, other) == ((a.term, a.beat) > (other.term, other.beat))
     assert not newer(a, a)
     assert newer(a, None)
 
 
-def test_stop_request_has_no_fields_of_newer_versions() -> None:
+def test_encoded_stop_request_has_only_do_and_id() -> None:
     assert json.loads(encode(OperatorRequest(do="stop", id="a"))) == {"do": "stop", "id": "a"}
 
 
@@ -79,13 +79,13 @@ def test_reason_within_limit_is_unchanged() -> None:
         ("speed", 1),
     ],
 )
-def test_an_order_with_a_wrong_field_is_refused_by_name(name: str, value: object) -> None:
+def test_refusal_names_wrong_field_of_order(name: str, value: object) -> None:
     with pytest.raises(BadMessage, match=f"^Order: {name}: "):
         decode(Order, json.dumps(FIELDS | {name: value}).encode())
 
 
 @pytest.mark.parametrize("missing", ["term", "beat", "mode", "shape"])
-def test_an_order_without_a_field_is_refused_by_name(missing: str) -> None:
+def test_refusal_names_missing_field_of_order(missing: str) -> None:
     rest = json.dumps({name: value for name, value in FIELDS.items() if name != missing})
     with pytest.raises(BadMessage, match=f"^Order: {missing}: "):
         decode(Order, rest.encode())
@@ -107,7 +107,7 @@ def test_an_order_without_a_field_is_refused_by_name(missing: str) -> None:
         b"1e999",
     ],
 )
-def test_what_is_no_order_at_all_is_refused(data: bytes) -> None:
+def test_payload_that_is_no_order_is_refused(data: bytes) -> None:
     with pytest.raises(BadMessage, match=r"^Order: "):
         decode(Order, data)
 
@@ -122,13 +122,13 @@ def test_what_is_no_order_at_all_is_refused(data: bytes) -> None:
     ],
     ids=["no shape", "shape", "fly", "long"],
 )
-def test_what_is_refused_is_named(cls: Any, data: bytes, reason: str) -> None:
+def test_refusal_names_illegal_request_or_length(cls: Any, data: bytes, reason: str) -> None:
     with pytest.raises(BadMessage, match=reason):
         decode(cls, data)
 
 
 @pytest.mark.parametrize("cls", [Order, OperatorRequest, OperatorReply])
-def test_mutated_orders_are_read_strictly_or_refused(cls: Any) -> None:
+def test_mutated_orders_are_refused_or_decoded_consistently(cls: Any) -> None:
     corpus = [
         encode(ORDER),
         encode(OperatorRequest(do="stop")),
@@ -173,30 +173,30 @@ def test_request_is_obeyed_when_robots_and_leader_obey() -> None:
     assert outcome(STOP, ALL, *ROBOTS, LEADS).obeyed
     assert outcome(STOP, ALL, *ROBOTS, LEADS, SPARE).obeyed
     assert not outcome(STOP, ALL, ROBOTS[0], LEADS).obeyed
-    assert outcome(RUN, Recipients(("leader",)), answer("leader")).leader == "leader"  # it knows no standbys
+    assert outcome(RUN, Recipients(("leader",)), answer("leader")).leader == "leader"  # no standbys
 
 
-def test_a_dead_leader_is_not_missed_when_another_leads() -> None:
+def test_dead_leader_is_not_missing_if_standby_leads() -> None:
     one = outcome(STOP, ALL, *ROBOTS, LED)
     assert (one.obeyed, one.leader, one.missing) == (True, "spare", [])
     assert "leader      no answer; spare leads" in one.words()
 
 
 @pytest.mark.parametrize("others", [(), (SPARE,)])
-def test_missing_leader_is_reported_and_stop_still_holds(others: tuple[Answer, ...]) -> None:
+def test_summary_of_stop_reports_missing_leader(others: tuple[Answer, ...]) -> None:
     one = outcome(STOP, ALL, *ROBOTS, *others)
     assert (one.obeyed, one.leader, one.missing) == (False, None, ["leader"])
     assert one.summary().startswith("stop: 2 of 3 obey, slowest 2 ms; no answer from leader")
     assert one.summary().endswith("robots that obey stand, with a leader or without")
 
 
-def test_a_refusal_is_shown_with_its_reason() -> None:
+def test_outcome_prints_reason_of_refusal() -> None:
     one = outcome(RUN, Recipients(("leader",)), REFUSED)
     assert (one.obeyed, one.missing, one.refused) == (False, [], ["leader"])
     assert all(words in one.words() for words in ("REFUSED", "release it first", "run: 0 of 1 obey"))
 
 
-def test_a_long_name_is_not_glued_to_what_its_robot_says() -> None:
+def test_outcome_table_aligns_columns_with_long_names() -> None:
     long = "a-robot-of-a-very-long-name"
     one = outcome(RUN, Recipients(("leader",), (long, "robot2")), REFUSED, answer(long), ROBOTS[1])
     leader, other, short, _ = one.words().splitlines()
@@ -204,14 +204,14 @@ def test_a_long_name_is_not_glued_to_what_its_robot_says() -> None:
     assert leader.index("REFUSED") == other.index("stop") == short.index("stop")
 
 
-def test_standby_neither_obeys_nor_refuses() -> None:
+def test_standby_counts_neither_as_obeying_nor_refusing() -> None:
     one = outcome(RUN, Recipients(("leader", "spare")), LEADS, answer("spare", ok=False, leads=False))
     assert (one.obeyed, one.refused, one.standby) == (True, [], ["spare"])
     assert one.summary() == "run: 1 of 1 obey, slowest 2 ms"
     assert "spare       stands by" in one.words()
 
 
-def test_release_says_that_robots_hold_until_run() -> None:
+def test_release_prints_that_robots_hold_until_run() -> None:
     request = OperatorRequest(do="release", ends=("s",))
     one = outcome(request, Recipients(("leader",), ("robot1",)), answer("leader", mode="hold"), ROBOTS[0])
     leader, robot, last = one.words().splitlines()
@@ -220,7 +220,7 @@ def test_release_says_that_robots_hold_until_run() -> None:
     assert one.report()["ends"] == ["s"]
 
 
-def test_a_release_names_robots_without_a_stop_and_without_an_answer() -> None:
+def test_release_summary_names_robots_without_stop_or_answer() -> None:
     leader, robot = (answer(name, code="nothing", mode="hold") for name in ("leader", "robot1"))
     one = outcome(OperatorRequest(do="release"), ALL, leader, robot)
     assert one.refused == []
@@ -237,7 +237,7 @@ def test_incomplete_run_reports_possibly_held_robot() -> None:
 
 @pytest.mark.parametrize(("do", "verdict"), [("stop", "NOT STOPPED"), ("hold", "NOT HELD")])
 @pytest.mark.parametrize("code", sorted(UNREACHED))
-def test_a_robot_out_of_reach_is_named_with_what_to_do(do: str, verdict: str, code: str) -> None:
+def test_outcome_names_unreached_robot_and_what_to_do(do: str, verdict: str, code: str) -> None:
     lost = answer("robot1", ok=False, code=code, reason="latched, but no link")
     request = OperatorRequest.model_validate({"do": do})
     one = outcome(request, ALL, LEADS, lost, ROBOTS[1])
@@ -275,5 +275,5 @@ def test_report_lists_acknowledged_refused_and_missing_robots() -> None:
         ({"do": "hold"}, "hold"),
     ],
 )
-def test_an_order_is_called_as_it_was_typed(what: dict[str, Any], result: str) -> None:
+def test_called_gives_request_as_typed(what: dict[str, Any], result: str) -> None:
     assert called(OperatorRequest.model_validate(what)) == result

@@ -1,4 +1,4 @@
-"""The control step that agents and simulation share, its ramp and its error feedback."""
+"""The control step that agents and simulation share, with its ramp and its quantiser."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ def stepped(before: Command, now: float = 1.0) -> ControlState:
 
 @every_law
 @given(vectors, headings)
-def test_commands_ramp_where_the_law_says_so(law: Controller, relative: complex, heading: complex) -> None:
+def test_commands_are_ramped_only_if_law_has_ramp(
+    law: Controller, relative: complex, heading: complex
+) -> None:
     params, measured = SIX.control("robot2", law), Measured(relative, 0j, 1)
     state, outcome = control_step(stepped(AT_REST), inputs(1.0, measured, heading), (), params)
     most = PERIOD / SPEC.ramp if law.ramp else 1.0
@@ -53,7 +55,7 @@ def test_commands_ramp_where_the_law_says_so(law: Controller, relative: complex,
 
 
 @every_law
-def test_obstacles_count_where_the_law_has_a_filter(law: Controller) -> None:
+def test_obstacle_slows_robot_only_if_law_has_filter(law: Controller) -> None:
     params = SIX.control("robot2", law)
     known = (AHEAD,) if law.collision_filter else ()
     _, outcome = control_step(stepped(AT_REST), inputs(1.0, GOES), known, params)
@@ -70,7 +72,7 @@ def test_warn_mode_changes_no_command() -> None:
     assert outcome.command == law_command(state, around, params, params.limits)[0]
 
 
-def test_ramp_never_outruns_the_brake() -> None:
+def test_brake_applies_after_the_ramp() -> None:
     params, state = SIX.control("robot2", LAWS["field"]), stepped(Command(SPEC.max_speed, 0.0))
     _, outcome = control_step(state, inputs(1.0, GOES), (AHEAD,), params)
     slowest = SPEC.max_speed * (1.0 - PERIOD / SPEC.ramp)
@@ -79,25 +81,25 @@ def test_ramp_never_outruns_the_brake() -> None:
 
 
 @every_law
-def test_commands_that_are_not_finite_are_reported(law: Controller) -> None:
+def test_non_finite_command_is_reported_and_keeps_ramp_state(law: Controller) -> None:
     params = SIX.control("robot2", law)
     state, outcome = control_step(stepped(AT_REST), inputs(1.0, Measured(math.nan * 1j, 0j, 1)), (), params)
     assert not outcome.finite
     assert state.ramp == stepped(AT_REST).ramp
 
 
-def test_rest_forgets_ramp_and_remainder_alone() -> None:
+def test_at_rest_resets_only_ramp_and_remainder() -> None:
     state = ControlState(1.0 + 2.0j, ramp=Ramp(Command(0.5, 0.1), 0.0, 0.3), remainder=Command(0.004, 0.0))
     assert at_rest(state, 2.0) == state._replace(ramp=Ramp(AT_REST, 2.0, 0.3), remainder=AT_REST)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.02, 0.05])
-def test_simulation_takes_the_robots_own_parameters(step: float) -> None:
+def test_short_simulation_step_does_not_change_control_parameters(step: float) -> None:
     for law in LAWS.values():
         assert SIX.control("robot2", law, step) == SIX.control("robot2", law)
 
 
-def test_steps_longer_than_the_robots_period_cause_no_gap() -> None:
+def test_ramp_gap_and_hold_cover_longer_simulation_step() -> None:
     params = SIX.control("robot2", LAWS["field"], 0.2)
     assert params.ramp.gap > 0.2
     assert params.avoidance.hold >= 0.2
@@ -110,7 +112,7 @@ def test_steps_longer_than_the_robots_period_cause_no_gap() -> None:
     "law",
     [
         pytest.param(law, id=name, marks=() if name == "field" else pytest.mark.slow)
-        for name, law in LAWS.items()  # each other one takes ten seconds to compile
+        for name, law in LAWS.items()  # every other law takes ten seconds to compile
     ],
 )
 def test_simulated_commands_change_no_faster_than_the_ramp(law: Controller) -> None:
@@ -123,7 +125,7 @@ def test_simulated_commands_change_no_faster_than_the_ramp(law: Controller) -> N
     assert not law.ramp or most < MAX_CHANGE_SHARE
 
 
-def test_no_ramp_is_no_ramp() -> None:
+def test_zero_ramp_equals_law_without_ramp() -> None:
     at_once = scenarios.ramped(SIX, 0.0)
     without = LAWS["field"]._replace(ramp=False)
     first, same = (
@@ -141,7 +143,7 @@ def test_robots_settle_with_filter_and_ramp(law: str) -> None:
 
 
 @pytest.mark.slow
-def test_proportional_law_settles_near_the_field_law() -> None:
+def test_proportional_law_settles_almost_as_fast_as_field_law() -> None:
     field, plain = (simulate(SIX, law=law, runs=40, horizon=40.0) for law in ("field", "proportional"))
     assert plain.converged.all()
     assert scenarios.median(plain) < 1.2 * scenarios.median(field)
@@ -200,7 +202,7 @@ turtlebot_commands = st.builds(Command, turtlebot_speeds, turtlebot_turn_rates)
 
 
 def hundredths(value: float) -> int:
-    """What a TurtleBot3 takes: `static_cast<int32_t>(value * 100)`."""
+    """The number that a TurtleBot3 uses: `static_cast<int32_t>(value * 100)`."""
     return math.trunc(value * 100)
 
 
@@ -216,7 +218,7 @@ def sent(wanted: list[Command]) -> list[Command]:
 
 
 @given(st.lists(turtlebot_commands, max_size=60))
-def test_every_limit_holds_and_every_command_survives_the_cut(wanted: list[Command]) -> None:
+def test_quantised_commands_keep_limits_and_survive_truncation(wanted: list[Command]) -> None:
     for command in sent(wanted):
         assert abs(command.speed) <= 0.2108
         assert abs(command.turn_rate) <= 2.635
@@ -226,7 +228,7 @@ def test_every_limit_holds_and_every_command_survives_the_cut(wanted: list[Comma
 
 
 @pytest.mark.parametrize("step", [0.01, 0.001, 0.1, 1 / 3, 0.7])
-def test_every_multiple_survives_a_cut_by_product_or_by_quotient(step: float) -> None:
+def test_grid_multiples_survive_truncation_by_product_and_quotient(step: float) -> None:
     grid = Grid.of(step, 1000.0)
     for number in range(1, 1000):
         for sign in (-1, 1):
@@ -237,7 +239,7 @@ def test_every_multiple_survives_a_cut_by_product_or_by_quotient(step: float) ->
 
 @given(st.lists(turtlebot_commands, min_size=1, max_size=300))
 def test_accumulated_commands_stay_within_one_step_of_wishes(wanted: list[Command]) -> None:
-    """Away from the limits and from rest, where there is nothing else between the two."""
+    """Away from the limits and from rest, where nothing else changes commands."""
     moving = [Command(0.9 * c.speed, 0.9 * c.turn_rate) for c in wanted if c != NOTHING]
     reported = [(hundredths(c.speed), hundredths(c.turn_rate)) for c in sent(moving)]
     for axis in (0, 1):
@@ -247,20 +249,20 @@ def test_accumulated_commands_stay_within_one_step_of_wishes(wanted: list[Comman
 
 
 @given(st.integers(1, 500), turtlebot_speeds, st.sampled_from([-1.0, 1.0]))
-def test_time_at_the_limit_is_not_repaid_afterwards(held: int, then: float, sign: float) -> None:
+def test_time_at_the_limit_is_not_compensated_afterwards(held: int, then: float, sign: float) -> None:
     after = sent([Command(sign * 0.2108, 0.0)] * held + [Command(then, 1.0)] * 20)[held:]
     assert abs(math.fsum(c.speed for c in after) - 20 * then) <= 0.02 + 20 * max(0.0, abs(then) - 0.21)
 
 
 @given(st.lists(turtlebot_commands, max_size=30), st.lists(turtlebot_commands, max_size=30))
-def test_rest_is_rest_and_forgets_what_came_before(before: list[Command], after: list[Command]) -> None:
+def test_rest_is_sent_unchanged_and_resets_remainder(before: list[Command], after: list[Command]) -> None:
     out = sent([*before, NOTHING, *after])
     assert out[len(before)] == NOTHING
     assert out[len(before) + 1 :] == sent(after)
 
 
 @given(turtlebot_commands)
-def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> None:
+def test_zero_step_leaves_commands_unquantised(wanted: Command) -> None:
     assert quantised(wanted, NOTHING, Quantiser.of(NOTHING, TURTLEBOT_LIMITS)) == (wanted, NOTHING)
     only_turns = Quantiser.of(Command(0.0, 0.01), TURTLEBOT_LIMITS)
     command, remainder = quantise(only_turns, wanted, NOTHING)
@@ -273,7 +275,7 @@ def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> N
 @example(0.01, 0.2)
 @example(0.1, 0.3)
 @example(0.2, 0.2)
-def test_limit_is_quantised_to_largest_surviving_multiple(step: float, limit: float) -> None:
+def test_limit_is_quantised_to_largest_multiple_surviving_truncation(step: float, limit: float) -> None:
     value, _ = nearest(Grid.of(step, limit), limit)
     number = math.trunc(value / step)
     assert value <= limit
@@ -282,7 +284,7 @@ def test_limit_is_quantised_to_largest_surviving_multiple(step: float, limit: fl
     assert (step, limit) != (0.01, 0.2) or value == limit
 
 
-def test_what_is_no_number_is_not_sent_as_one() -> None:
+def test_quantise_passes_nan_through() -> None:
     assert TURTLEBOT is not None
     command, _ = quantise(TURTLEBOT, Command(math.nan, 0.1), NOTHING)
     assert math.isnan(command.speed)

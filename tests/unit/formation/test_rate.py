@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from formation.transport.runtime.rate import TICK_TOLERANCE, Rate
 
 
-def test_a_clock_summed_up_in_floats_ticks_every_period() -> None:
+def test_rate_ticks_every_period_despite_float_rounding() -> None:
     rate, now = Rate(20.0), 0.0
     for _ in range(20_000):
         assert rate.tick(now)
@@ -18,7 +18,7 @@ def test_a_clock_summed_up_in_floats_ticks_every_period() -> None:
 
 
 @given(st.lists(st.floats(1e-4, 0.3), min_size=1, max_size=200), st.floats(0.0, 0.99))
-def test_ticks_stay_on_grid_and_every_period_counts(pauses: list[float], phase: float) -> None:
+def test_ticks_stay_on_grid_and_every_period_is_counted(pauses: list[float], phase: float) -> None:
     rate, now = Rate(25.0, phase), 10.0
     assert rate.due == -math.inf
     ticks = int(rate.tick(now))
@@ -33,7 +33,7 @@ def test_ticks_stay_on_grid_and_every_period_counts(pauses: list[float], phase: 
         assert rate.due > now - 1e-6
         points = (rate.due - first) / rate.period
         assert points == pytest.approx(round(points), abs=1e-6)
-        assert points * rate.period <= now + rate.period - first + 1e-6  # the next one, none later
+        assert points * rate.period <= now + rate.period - first + 1e-6  # the next point, none later
         assert rate.ticks == ticks
         assert rate.ticks + rate.missed == round(points)
 
@@ -41,6 +41,6 @@ def test_ticks_stay_on_grid_and_every_period_counts(pauses: list[float], phase: 
 @pytest.mark.parametrize(
     ("hertz", "phase"), [(0.0, 0.0), (-1.0, 0.0), (math.nan, 0.0), (math.inf, 0.0), (1.0, 1.0)]
 )
-def test_a_rate_that_cannot_be_is_refused(hertz: float, phase: float) -> None:
+def test_invalid_rate_or_phase_is_refused(hertz: float, phase: float) -> None:
     with pytest.raises(ValueError, match="rate"):
         Rate(hertz, phase)

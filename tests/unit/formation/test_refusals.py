@@ -1,4 +1,4 @@
-"""What Zenoh refuses is counted from its log: by kind, nothing twice, whatever the log holds besides."""
+"""Refusals of Zenoh are counted from its log: by kind, each once, among other lines."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def decided(what: str, key: str, by: str = "robot2", zid: str = ZID, thread: int
     )
 
 
-def remembered(what: str, key: str, zid: str = ZID, un: str = "un") -> str:
+def cached_decision(what: str, key: str, zid: str = ZID, un: str = "un") -> str:
     return (
         f"{STAMP} TRACE app-0 ThreadId(02) {RULES} Using cached result: {zid} is"
         f" {un}authorized to {what} on {key}"
@@ -44,19 +44,19 @@ def test_refused_put_is_counted_by_key_and_certificate() -> None:
     assert reported == ["refused: put robot3/position by robot2"]
 
 
-def test_cached_decisions_are_not_counted() -> None:
+def test_decisions_without_refused_message_are_not_counted() -> None:
     caching = [decided(f"{what} (ingress)", "robot2/position") for what in ("Query", "Reply", "Delete")]
     allowed = decided("Put (ingress)", "robot2/position", un="")
-    assert read(*caching, allowed, remembered("Put (ingress)", "robot2/position", un="")) == ({}, [])
+    assert read(*caching, allowed, cached_decision("Put (ingress)", "robot2/position", un="")) == ({}, [])
     assert read(*caching, allowed, intercepted()) == ({}, [])
 
 
-def test_a_refusal_from_memory_still_has_the_name() -> None:
+def test_cached_refusal_is_counted_with_known_name() -> None:
     first = decided("Put (ingress)", "robot1/alive")
-    again = remembered("Liveliness Token (ingress)", "robot1/alive")
+    again = cached_decision("Liveliness Token (ingress)", "robot1/alive")
     counts, _ = read(first, again, intercepted())
     assert counts == {"liveliness token robot1/alive by robot2": 1}
-    unknown = remembered("Delete (ingress)", "robot1/position", zid=OTHERS)
+    unknown = cached_decision("Delete (ingress)", "robot1/position", zid=OTHERS)
     assert read(unknown, intercepted())[0] == {"delete robot1/position": 1}
 
 
@@ -100,7 +100,7 @@ def test_refused_links_are_counted_by_cause(text: str, kind: str) -> None:
     assert read(f"{TLS} {text}") == ({kind: 1}, [f"refused: {kind}"])
 
 
-def test_dialled_peer_must_authenticate_too() -> None:
+def test_refused_certificate_of_dialled_peer_is_counted() -> None:
     line = (
         f"{STAMP} DEBUG net-0 ThreadId(03) zenoh::net::runtime::orchestrator: Unable to connect to configured"
         " peer tls/10.77.0.1:7460! Can not create a new TLS link bound to IpAddress(V4(…)):"
@@ -123,12 +123,12 @@ def test_expiry_during_a_link_has_its_own_kind() -> None:
     assert read(line)[0] == {"certificate: expired during the link": 1}
 
 
-def test_a_certificate_that_no_rule_knows_is_counted() -> None:
+def test_certificate_without_access_rule_is_counted() -> None:
     line = f"{STAMP} DEBUG app-0 ThreadId(02) {RULES} {ZID} did not match any configured ACL subject. Default"
     assert read(line, intercepted())[0] == {"certificate: of no process in the mission": 1}
 
 
-def test_other_warnings_are_passed_on_and_nothing_else() -> None:
+def test_only_other_warnings_and_errors_are_passed_on() -> None:
     warning = f"{STAMP}  WARN app-0 ThreadId(02) zenoh_transport::unicast: something is wrong"
     error = f"{STAMP} ERROR app-0 ThreadId(02) zenoh_link_tls::unicast: out of memory"
     info = f"{STAMP}  INFO app-0 ThreadId(02) zenoh_transport::unicast: all is well"
@@ -149,7 +149,7 @@ def test_unreachable_router_is_not_reported_as_refusal(text: str) -> None:
     assert read(line) == ({}, [])
 
 
-def test_pieces_may_be_cut_anywhere_and_coloured() -> None:
+def test_parser_reads_log_in_any_pieces_and_coloured() -> None:
     lines = decided("Put (ingress)", "robot3/position") + "\n" + intercepted() + "\n"
     log = "\x1b[2m" + lines.replace("TRACE", "\x1b[35mTRACE\x1b[0m") * 3
     for size in (1, 7, 100):
@@ -159,7 +159,7 @@ def test_pieces_may_be_cut_anywhere_and_coloured() -> None:
         assert parser.counts == {"put robot3/position by robot2": 3}
 
 
-def test_refused_peer_cannot_exhaust_memory() -> None:
+def test_memory_of_parser_is_bounded() -> None:
     parser = Parser()
     for number in range(3 * MAX_KINDS):
         zid = f"{number:032x}"
@@ -185,6 +185,6 @@ def test_repeated_refusals_are_logged_at_powers_of_ten() -> None:
     assert reported[-1] == "refused: put a by robot2, 1000 times"
 
 
-def test_control_characters_are_not_logged() -> None:
+def test_control_characters_in_keys_are_replaced() -> None:
     counts, _ = read(decided("Put (ingress)", "a\x07\x1b[2Jb"), intercepted())
     assert counts == {"put a??[2Jb by robot2": 1}

@@ -14,7 +14,7 @@ from formation.mission.route import Circle, Route, Straight, Waypoints
 NORTH = 1.0j
 
 
-def test_a_straight_leg_without_a_duration_goes_on_for_ever() -> None:
+def test_straight_leg_without_duration_never_ends() -> None:
     route = Route((Straight(speed=0.2, heading_deg=30.0),), 1.0 + 2.0j)
     direction = complex(math.sqrt(0.75), 0.5)
     assert route.total == math.inf
@@ -24,7 +24,7 @@ def test_a_straight_leg_without_a_duration_goes_on_for_ever() -> None:
     assert route.heading(1000.0) == pytest.approx(direction)
 
 
-def test_legs_follow_one_another_without_a_gap() -> None:
+def test_position_is_continuous_between_legs() -> None:
     legs = (
         Straight(speed=0.5, heading_deg=0.0, duration=4.0),
         Circle(radius=1.0, speed=0.5, duration=math.pi),  # goes on eastwards
@@ -52,7 +52,7 @@ def test_finished_route_keeps_final_position_and_heading() -> None:
     assert route.heading(50.0) == pytest.approx(NORTH)
 
 
-def test_before_the_start_the_leader_stands_still() -> None:
+def test_leader_stands_still_before_route_starts() -> None:
     route = Route((Circle(radius=1.0, speed=0.5),), 3.0 + 0.0j)
     assert route.position(-1.0) == 3.0 + 0.0j
     assert route.velocity(-1.0) == 0j
@@ -61,7 +61,7 @@ def test_before_the_start_the_leader_stands_still() -> None:
 
 
 @pytest.mark.parametrize(("turn", "side"), [("left", 1.0), ("right", -1.0)])
-def test_circle_keeps_its_centre_on_its_turning_side(turn: Literal["left", "right"], side: float) -> None:
+def test_circle_has_its_centre_on_the_turning_side(turn: Literal["left", "right"], side: float) -> None:
     route = Route((Circle(radius=2.0, speed=0.5, turn=turn),), 0j, start_heading=NORTH)
     assert route.heading(0.0) == NORTH
     assert all(abs(route.position(0.2 * number) + 2.0 * side) == pytest.approx(2.0) for number in range(501))
@@ -69,14 +69,14 @@ def test_circle_keeps_its_centre_on_its_turning_side(turn: Literal["left", "righ
     assert route.position(2.0 * math.pi * 2.0 / 0.5) == pytest.approx(0j, abs=1e-12)
 
 
-def test_waypoints_are_reached_one_after_the_other_at_the_given_speed() -> None:
+def test_waypoints_are_reached_in_order_at_given_speed() -> None:
     route = Route((Waypoints(waypoints=((3.0, 0.0), (3.0, 4.0), (0.0, 0.0)), speed=0.5),), 0j)
     assert route.total == pytest.approx(24.0)
     assert [route.position(t) for t in (6.0, 14.0, 24.0)] == pytest.approx([3 + 0j, 3 + 4j, 0j])
     assert abs(route.velocity(10.0)) == pytest.approx(0.5)
 
 
-def test_a_waypoint_where_the_leader_already_is_asks_for_nothing() -> None:
+def test_waypoint_at_current_position_takes_no_time() -> None:
     route = Route((Waypoints(waypoints=((0.0, 0.0), (0.0, 0.0)), speed=0.5),), 0j, start_heading=NORTH)
     assert route.total == 0.0
     assert route.position(10.0) == 0j
@@ -104,7 +104,7 @@ legs = st.one_of(
 
 
 @given(st.lists(legs, min_size=1, max_size=4))
-def test_the_velocity_is_the_derivative_of_the_position(legs: list[Any]) -> None:
+def test_velocity_is_derivative_of_position(legs: list[Any]) -> None:
     route = Route(legs, 1.0 - 1.0j)
     dt = 1e-6
     for number in range(56):

@@ -1,4 +1,4 @@
-"""Range scans: simulated beams, circles around what they hit, and which robot each is."""
+"""Range scans: simulated beams, circles around their hits, and the robot that each circle belongs to."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def ray(number: int, heading: complex, beams: int) -> complex:
 
 
 def off_wall(point: complex, begin: complex, end: complex) -> float:
-    """How far a point is from a wall."""
+    """The distance of a point from a wall."""
     way = end - begin
     share = ((point - begin) * way.conjugate()).real / max(abs(way) ** 2, 1e-300)
     return abs(point - begin - min(max(share, 0.0), 1.0) * way)
 
 
 @given(places, headings, discs, walls)
-def test_a_beam_ends_on_what_it_hit_and_passes_through_nothing(
+def test_beam_ends_on_a_surface_and_passes_through_no_disc(
     at: complex, heading: complex, discs: list[tuple[complex, float]], walls: list[tuple[complex, complex]]
 ) -> None:
     found = cast(at, heading, discs, walls, FEW)
@@ -80,7 +80,7 @@ def test_beam_towards_a_disc_hits_it(
 
 
 @pytest.mark.parametrize("wall", [(2 - 1j, 2 + 1j), (2 + 1j, 2 - 1j)])
-def test_a_wall_ahead_is_as_far_as_geometry_says(wall: tuple[complex, complex]) -> None:
+def test_ranges_of_wall_ahead_match_geometry(wall: tuple[complex, complex]) -> None:
     found = cast(0j, 1 + 0j, [], [wall], BEAMS)
     assert found[0] == pytest.approx(2.0)
     assert found[20] == pytest.approx(2.0 / math.cos(math.radians(20)))
@@ -88,7 +88,7 @@ def test_a_wall_ahead_is_as_far_as_geometry_says(wall: tuple[complex, complex]) 
     assert found[340] == pytest.approx(found[20])
 
 
-def test_a_robot_hides_what_is_behind_it() -> None:
+def test_disc_hides_objects_behind_it() -> None:
     found = cast(0j, 1 + 0j, [(1 + 0j, 0.1), (2 + 0j, 0.1)], [(3 - 3j, 3 + 3j)], BEAMS)
     assert found[0] == pytest.approx(0.9)
     assert found[30] == pytest.approx(3.0 / math.cos(math.radians(30)))
@@ -96,20 +96,20 @@ def test_a_robot_hides_what_is_behind_it() -> None:
 
 
 @given(places, headings, discs, walls)
-def test_a_mirrored_world_gives_a_mirrored_scan(
+def test_mirrored_world_gives_mirrored_scan(
     at: complex, heading: complex, discs: list[tuple[complex, float]], walls: list[tuple[complex, complex]]
 ) -> None:
-    assume(all(off_wall(at, *wall) > 1e-3 for wall in walls))  # on a wall one sees one of its sides
+    assume(all(off_wall(at, *wall) > 1e-3 for wall in walls))  # a scanner on a wall is on one side of it
     found = cast(at, heading, discs, walls, FEW)
     mirrored_discs = [(centre.conjugate(), radius) for centre, radius in discs]
     mirrored_walls = [(begin.conjugate(), end.conjugate()) for begin, end in walls]
     mirrored = cast(at.conjugate(), heading.conjugate(), mirrored_discs, mirrored_walls, FEW)
-    # at the very edge of a thing a beam may hit on one side and miss on the other
+    # at an edge, rounding decides whether a beam hits
     differ = [n for n in range(FEW) if abs(found[n] - mirrored[-n % FEW]) > 1e-6]
     assert len(differ) <= 2 * (len(discs) + len(walls))
 
 
-def test_a_scanner_says_what_it_can_and_loses_its_share() -> None:
+def test_measured_ranges_have_stated_noise_and_loss() -> None:
     rng, beams = random.Random(1), 20_000
     normal = [rng.gauss(0.0, 1.0) for _ in range(beams)]
     uniform = [rng.random() for _ in range(beams)]
@@ -122,7 +122,7 @@ def test_a_scanner_says_what_it_can_and_loses_its_share() -> None:
 
 
 @pytest.mark.parametrize("distance", [0.05, 4.0, math.inf])
-def test_what_is_out_of_its_range_it_does_not_see(distance: float) -> None:
+def test_distance_outside_scanner_range_is_lost(distance: float) -> None:
     assert measured([distance], Scanner(), [0.0], [0.5]) == (LOST_RANGE,)
 
 
@@ -161,11 +161,11 @@ def clearance(found: list[Circle], point: complex) -> float:
     return min((abs(point - circle.at) - circle.radius for circle in found), default=math.inf)
 
 
-# What holds for every scan
+# Every scan
 
 
 @given(sweeps, mounts, motions, st.sampled_from((STEP, 4 * STEP, -STEP)))
-def test_every_beam_that_hit_is_in_a_circle(
+def test_every_hit_is_in_a_circle(
     ranges: tuple[float, ...], mount: Mount, motion: Motion, step: float
 ) -> None:
     hits = points(scan(ranges, step), mount, 0.1, motion)
@@ -174,25 +174,23 @@ def test_every_beam_that_hit_is_in_a_circle(
 
 
 @given(sweeps, mounts)
-def test_no_circle_is_larger_than_it_needs_to_be(ranges: tuple[float, ...], mount: Mount) -> None:
+def test_circle_radius_is_limited_by_distance(ranges: tuple[float, ...], mount: Mount) -> None:
     for circle in circles(points(scan(ranges), mount, 0.1), STEP):
-        # its first point is no further than its centre and its radius together
+        # the first point is no further away than centre distance plus radius
         furthest = abs(circle.at) + circle.radius
         largest = max(MIN_RADIUS_LIMIT, MAX_RADIUS_SHARE * furthest) + 0.5 * STEP * abs(circle.at)
         assert circle.radius <= largest + 1e-9
 
 
 @given(sweeps, mounts)
-def test_a_mirrored_scan_has_its_points_on_the_other_side(ranges: tuple[float, ...], mount: Mount) -> None:
+def test_mirrored_scan_gives_mirrored_points(ranges: tuple[float, ...], mount: Mount) -> None:
     there = points(scan(ranges), mount, 0.1)
     mirrored = points(scan(ranges, -STEP), Mount(mount.at.conjugate(), mount.heading.conjugate()), 0.1)
     assert mirrored == pytest.approx([point.conjugate() for point in there], abs=1e-9)
 
 
 @given(sweeps, mounts, angles)
-def test_turning_the_scanner_turns_what_it_sees(
-    ranges: tuple[float, ...], mount: Mount, angle: float
-) -> None:
+def test_rotated_mount_gives_rotated_points(ranges: tuple[float, ...], mount: Mount, angle: float) -> None:
     turn = cmath.rect(1.0, angle)
     there = points(scan(ranges), mount, 0.0)
     turned = points(scan(ranges), Mount(mount.at * turn, mount.heading * turn), 0.0)
@@ -200,7 +198,7 @@ def test_turning_the_scanner_turns_what_it_sees(
 
 
 @given(sweeps, st.floats(0.0, 1.0))
-def test_its_own_body_is_nothing_in_a_robots_way(ranges: tuple[float, ...], radius: float) -> None:
+def test_points_inside_own_body_are_dropped(ranges: tuple[float, ...], radius: float) -> None:
     ranges = tuple(distance for distance in ranges if distance > 0.0) or (math.inf,)
     hits = points(scan(ranges), Mount(0.05 + 0j), radius)
     assert all(abs(hit) > radius for hit in hits)
@@ -209,10 +207,10 @@ def test_its_own_body_is_nothing_in_a_robots_way(ranges: tuple[float, ...], radi
 
 
 @given(motions, st.floats(0.2, 2.0), angles)
-def test_scan_during_motion_is_placed_at_last_beam(motion: Motion, distance: float, angle: float) -> None:
+def test_points_of_scan_in_motion_refer_to_last_beam(motion: Motion, distance: float, angle: float) -> None:
     post, beams = cmath.rect(distance + 1.0, angle), 24
     hits = []
-    for number in range(beams):  # each beam happens to hit the post from where the robot is by then
+    for number in range(beams):  # each beam hits the post from the robot's pose at that time
         share = number / (beams - 1)
         position, heading = along(0j, 1 + 0j, share * motion.distance, share * motion.turn)
         there = (post - position) / heading
@@ -224,20 +222,18 @@ def test_scan_during_motion_is_placed_at_last_beam(motion: Motion, distance: flo
 
 
 @given(sweeps, motions)
-def test_what_stands_is_seen_where_it_stands_after_going_on(
-    ranges: tuple[float, ...], motion: Motion
-) -> None:
+def test_carried_circles_keep_their_world_position(ranges: tuple[float, ...], motion: Motion) -> None:
     found = circles(points(scan(ranges), HERE, 0.1), STEP)
     position, heading = along(0j, 1 + 0j, *motion)
     places = [position + heading * circle.at for circle in carried(found, (position, heading))]
     assert places == pytest.approx([circle.at for circle in found], abs=1e-9)
 
 
-# What robots meet
+# Posts, walls, doorways
 
 
 @given(mounts, st.floats(0.0, 0.5))
-def test_too_near_echo_is_on_the_body_edge(mount: Mount, radius: float) -> None:
+def test_too_near_echo_is_placed_on_body_edge(mount: Mount, radius: float) -> None:
     found = points(scan((-math.inf,)), mount, radius)
     if abs(mount.at + 0.12 * mount.heading) <= radius:
         assert found == []
@@ -250,7 +246,7 @@ def test_too_near_echo_is_on_the_body_edge(mount: Mount, radius: float) -> None:
 
 
 @pytest.mark.parametrize("says", [0.0, 0.05, 3.6, 100.0, math.inf])
-def test_a_beam_that_says_nothing_is_no_point(says: float) -> None:
+def test_beam_without_valid_range_gives_no_point(says: float) -> None:
     assert points(scan((says,)), HERE, 0.1) == []
 
 
@@ -262,22 +258,22 @@ def test_post_is_covered_by_few_small_circles(distance: float) -> None:
     in_sight = [surface for surface in surfaces if abs(surface) < distance - 0.03]
     assert all(clearance(found, surface) < 0.01 for surface in in_sight)
     assert min(abs(circle.at) - circle.radius for circle in found) > distance - 0.05 - 0.06
-    (thin,) = seen([(distance + 0j, 0.005 * distance)], [])  # as a beam
+    (thin,) = seen([(distance + 0j, 0.005 * distance)], [])  # as thin as a beam
     assert abs(thin.at - 0.995 * distance) < 1e-5
     assert 0.0 < thin.radius < 0.015 * distance
 
 
-def test_a_wall_is_a_chain_that_leaves_room_beside_it() -> None:
+def test_wall_is_covered_by_chain_of_small_circles() -> None:
     found = seen([], [(-2 + 0.5j, 2 + 0.5j)])
     assert len(found) > 10
     assert max(circle.radius for circle in found) < 0.25
-    # it bulges towards the robot by a tenth of the distance or so, nowhere more
+    # circles reach towards the robot by about a tenth of the distance at most
     assert min(abs(circle.at) - circle.radius for circle in found) > 0.5 - 0.07
     for step in range(-20, 21):
         assert clearance(found, complex(0.05 * step, 0.5)) < 0.02
 
 
-def test_through_a_doorway_there_is_a_way() -> None:
+def test_circles_leave_a_doorway_free() -> None:
     found = seen([], [(1 - 3j, 1 - 0.4j), (1 + 0.4j, 1 + 3j)])
     assert min(clearance(found, complex(0.01 * step, 0.0)) for step in range(200)) > 0.2
     assert clearance(found, 1 + 0.45j) < 0.03
@@ -290,11 +286,11 @@ def test_post_and_wall_remain_despite_noise_and_losses(seed: int) -> None:
     assert clearance(found, 0.9 + 0j) < 0.06
     for step in range(-10, 11):
         assert clearance(found, complex(0.1 * step, -1.0)) < 0.12
-    assert clearance(found, 0.45 + 0j) > 0.3  # nothing where nothing is
+    assert clearance(found, 0.45 + 0j) > 0.3  # free space stays free
     assert clearance(found, -0.5 + 0.5j) > 0.3
 
 
-# Who is who
+# Team mates and strangers
 
 
 def test_only_unknown_circles_are_strangers() -> None:
@@ -306,16 +302,16 @@ def test_only_unknown_circles_are_strangers() -> None:
     assert strangers(found, [Mate("robot2", 1 + 0.5j, 0.1)]) == found  # away from its position
 
 
-def test_what_reaches_out_of_a_team_mate_is_a_stranger() -> None:
+def test_circle_reaching_beyond_team_mate_is_a_stranger() -> None:
     there = Mate("robot2", 1 + 0j, 0.1)
     assert mate(Circle(1.1 + 0j, MAX_TEAM_MATE_ERROR - 0.01), [there]) == "robot2"
     assert mate(Circle(1.1 + 0j, MAX_TEAM_MATE_ERROR + 0.01), [there]) is None
 
 
-# What is avoided
+# Obstacles
 
 
-def test_nearest_first_one_of_each_direction_and_none_from_afar() -> None:
+def test_obstacles_are_few_sorted_by_distance_and_in_range() -> None:
     found = seen([(0.5 + 0j, 0.05), (0.9j, 0.1)], [(-3 - 2j, 3 - 2j)])
     avoided = obstacles(found, 1.5)
     assert len(avoided) <= SECTOR_COUNT
@@ -327,7 +323,7 @@ def test_nearest_first_one_of_each_direction_and_none_from_afar() -> None:
 
 
 @given(st.lists(st.builds(Circle, st.builds(complex, st.floats(-3, 3), st.floats(-3, 3)), st.floats(0, 0.2))))
-def test_the_nearest_of_all_is_always_avoided(found: list[Circle]) -> None:
+def test_nearest_circle_is_always_an_obstacle(found: list[Circle]) -> None:
     avoided = obstacles(found, math.inf)
     assert bool(avoided) == bool(found)
     if found:

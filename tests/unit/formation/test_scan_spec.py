@@ -1,4 +1,4 @@
-"""What a mission may say of scanners and of what they see."""
+"""Keys of a mission for scanners, posts and walls."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_simulated_scanner_defaults_to_lds_01() -> None:
     assert simulated("[simulated_scanner]\nbeams = 720\nlost = 0.1") == Scanner(beams=720, lost=0.1)
 
 
-def test_model_sets_what_mission_leaves_open() -> None:
+def test_scanner_model_sets_values_that_mission_omits() -> None:
     assert simulated(scan='model = "lds_02"') == Scanner(360, 0.16, 8.0, 0.005, 0.015, growth_distance=0.3)
     assert simulated("[simulated_scanner]\nbeams = 230", 'model = "lds_02"').beams == 230
     scan = six(robot='scan = { model = "lds_01", x = -0.032 }').robots["robot2"].scan
@@ -44,7 +44,7 @@ def test_model_sets_what_mission_leaves_open() -> None:
     assert six(robot='scan = { model = "rplidar_a1", sweep = 0.1 }').robots["robot2"].scan.sweep == 0.1
 
 
-def test_margin_contains_what_the_model_does_not_see() -> None:
+def test_margin_includes_blind_range_of_model() -> None:
     def margin(scan: str) -> float:
         keys = f'scanner = "required"\nradius = 0.105\nscan = {{ x = -0.032, {scan} }}'
         return six(robot=keys).robots["robot2"].margin
@@ -74,7 +74,7 @@ def test_scanner_mount_is_configurable_globally_and_per_robot() -> None:
     assert robot2.scan.mount.heading == pytest.approx(cmath.rect(1.0, cmath.pi / 2))
 
 
-def test_posts_and_walls_stand_where_the_mission_says() -> None:
+def test_posts_and_walls_are_read_from_mission() -> None:
     mission = six(
         "[[simulation.posts]]\nx = 1.0\ny = -2.0\nradius = 0.1\n"
         "[[simulation.walls]]\nbegin = [0, 1]\nend = [3.5, 1]"
@@ -111,7 +111,7 @@ def test_posts_and_walls_stand_where_the_mission_says() -> None:
         ("[simulated_scanner]\nwide = 1", "", "unknown key simulated_scanner.wide; legal here: beams"),
     ],
 )
-def test_what_is_not_legal_is_said_with_what_is(text: str, robot: str, reason: str) -> None:
+def test_error_names_illegal_key_or_value(text: str, robot: str, reason: str) -> None:
     with pytest.raises(MissionError) as refused:
         six(text, robot)
     assert reason in str(refused.value)

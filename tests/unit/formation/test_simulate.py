@@ -1,4 +1,4 @@
-"""The simulation itself: whose loop it is, what it draws, what it reports."""
+"""The simulation: its control loop, its random starts and its results."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from tests.unit.formation import scenarios
 SIX = scenarios.six()
 
 
-# The loop is the agents' own
+# Control loop and starts
 
 
-def test_the_arrays_do_what_one_robot_after_the_other_does() -> None:
+def test_array_simulation_matches_loop_over_single_robots() -> None:
     mission, step, runs = SIX, 0.02, 2
     first = random_starts(mission, runs, 3.0, np.random.default_rng(np.random.SeedSequence(7).spawn(2)[0]))
     together = simulate(mission, runs=runs, seed=7, horizon=3.0, step=step, keep=True)
@@ -101,7 +101,7 @@ def test_same_seed_gives_both_laws_same_starts() -> None:
     assert paper.error[0].tolist() != other.error[0].tolist()
 
 
-def test_law_as_value_equals_law_by_name() -> None:
+def test_law_given_as_value_equals_law_by_name() -> None:
     named, given = (simulate(SIX, law=law, runs=3, horizon=2.0) for law in ("field", LAWS["field"]))
     assert given.law == "field"
     assert np.array_equal(named.error, given.error)
@@ -121,7 +121,7 @@ def test_random_starts_cover_spread_and_all_headings() -> None:
     assert starts.position + 0.2 * starts.heading == pytest.approx(np.tile(slots, (20, 1)))
 
 
-def test_a_single_run_starts_as_the_mission_says_and_tells_progress() -> None:
+def test_single_run_starts_as_in_mission_and_reports_progress() -> None:
     mission, shares = load("six_robots"), list[float]()
     history = simulate(mission, horizon=0.1, keep=True, progress=shares.append).history
     assert history is not None
@@ -132,7 +132,7 @@ def test_a_single_run_starts_as_the_mission_says_and_tells_progress() -> None:
     assert shares[-1] == 1.0
 
 
-def test_unexamined_touching_and_unsettled_times_are_null() -> None:
+def test_summary_is_null_for_unchecked_touching_and_unsettled_runs() -> None:
     found = simulate(SIX, runs=3, horizon=1.0).summary()
     assert SIX.collisions.mode == "off"
     assert (found["touched"], found["nearest"]) == (None, None)
@@ -140,7 +140,7 @@ def test_unexamined_touching_and_unsettled_times_are_null() -> None:
     assert simulate(load("six_robots"), horizon=1.0).summary()["touched"] == 0
 
 
-def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
+def test_random_starts_keep_clearance_between_bodies() -> None:
     crowded = SIX.model_copy(
         update={"robots": {n: one.model_copy(update={"radius": 0.4}) for n, one in SIX.robots.items()}}
     )
@@ -149,7 +149,7 @@ def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
         assert min(abs(a - b) for k, a in enumerate(run) for b in run[:k]) >= 0.8 + MIN_START_CLEARANCE
 
 
-def test_turning_mission_settles_like_upright_mission() -> None:
+def test_rotated_mission_settles_like_unrotated_mission() -> None:
     upright, turned = (as_a_whole(load("six_robots"), degrees) for degrees in (0.0, 90.0))
     times = [float(simulate(one, horizon=30.0).settling_time[0]) for one in (upright, turned)]
     assert times[1] == pytest.approx(times[0], abs=0.05)
@@ -159,7 +159,7 @@ def test_turning_mission_settles_like_upright_mission() -> None:
 
 
 def as_a_whole(mission: Mission, degrees: float) -> Mission:
-    """The mission with a shape that turns with its leader, all of it turned about the origin."""
+    """The mission with a shape that turns with its leader, rotated as a whole by `degrees`."""
     output, turn = mission.model_dump(), cmath.rect(1.0, math.radians(degrees))
     for name, robot in output["robots"].items():
         start = mission.robots[name].start
@@ -170,10 +170,10 @@ def as_a_whole(mission: Mission, degrees: float) -> Mission:
     return Mission.model_validate({**output, "turning": True})
 
 
-# What is reported
+# Results
 
 
-def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
+def test_summary_has_expected_keys_and_is_strict_json() -> None:
     found = simulate(SIX, runs=3, horizon=30.0).summary()
     assert set(found) == {
         "runs", "converged_fraction", "settling_time", "touched", "nearest", "deadlocks", "final_error",
@@ -184,7 +184,7 @@ def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
     json.dumps(found, allow_nan=False)
 
 
-def test_a_run_has_to_stay_settled_for_the_dwell_time() -> None:
+def test_run_counts_as_settled_only_after_dwell_time() -> None:
     mission = scenarios.six(gain=0.2)
     settled = float(simulate(mission, horizon=60.0).settling_time[0])
     soon, late = (
@@ -214,7 +214,7 @@ def test_error_stays_below_bound_after_settling_time() -> None:
         ({"spread": math.nan}, "spread = nan: must be finite"),
     ],
 )
-def test_an_argument_out_of_range_is_named_with_what_is_legal(wrong: dict[str, Any], output: str) -> None:
+def test_error_names_illegal_argument_and_legal_values(wrong: dict[str, Any], output: str) -> None:
     with pytest.raises(ValueError, match=output):
         simulate(SIX, **wrong)
 
@@ -222,13 +222,13 @@ def test_an_argument_out_of_range_is_named_with_what_is_legal(wrong: dict[str, A
 @pytest.mark.parametrize(
     ("wrong", "output"), [({"delay": -0.1}, "from 0 to 60 s"), ({"loss": 1.5}, "share from 0 to 1")]
 )
-def test_an_option_out_of_range_is_refused(wrong: dict[str, Any], output: str) -> None:
+def test_option_out_of_range_is_refused(wrong: dict[str, Any], output: str) -> None:
     with pytest.raises(ValueError, match=output):
         Options(**wrong)
 
 
 @pytest.mark.parametrize(("steps", "kept"), [(1, 2), (999, 1000), (1000, 1001), (1001, 501), (5000, 1001)])
-def test_a_curve_has_a_thousand_moments_at_most_after_its_start(steps: int, kept: int) -> None:
+def test_curve_has_at_most_1000_moments_after_start(steps: int, kept: int) -> None:
     result = simulate(SIX, horizon=0.01 * steps, step=0.01)
     assert len(result.error) == kept
     assert result.time[-1] == pytest.approx(0.01 * (steps // 1000 + (steps % 1000 > 0)) * (kept - 1))

@@ -1,4 +1,4 @@
-"""Slots: which robot takes which, shapes by generator, and those of the shipped patrol."""
+"""Slots: assignment to robots, generated shapes and graphs, and the shipped patrol mission."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_no_exchange_of_two_robots_improves_assignment(aim: Aim) -> None:
         assert found <= tuple(value + 1e-9 for value in aim.worth(costs, other))
 
 
-def test_the_least_longest_way_can_be_a_longer_one_in_all() -> None:
+def test_aims_total_and_longest_choose_different_assignments() -> None:
     costs = np.array([[0.0, 3.0], [3.0, 5.0]])
     assert AIMS["total"].assign(costs) == (0, 1)
     assert AIMS["longest"].assign(np.array([[0.0, 4.0], [4.0, 5.0]])) == (1, 0)
@@ -66,7 +66,7 @@ def test_the_least_longest_way_can_be_a_longer_one_in_all() -> None:
 
 PATROL = load("patrol")
 MARGIN = 0.15
-"""What robots may be off their slots, towards each other [m]."""
+"""Distance by which two robots may be off their slots, towards each other [m]."""
 
 
 def nearest(one: str, other: str, mixes: np.ndarray) -> float:
@@ -76,14 +76,14 @@ def nearest(one: str, other: str, mixes: np.ndarray) -> float:
 
 
 def needed(one: str, other: str) -> float:
-    """Distance of two slots at which bodies do not touch, whichever way the robots look [m]."""
+    """Distance of two slots at which bodies do not touch, for any headings [m]."""
     first, second = PATROL.robots[one], PATROL.robots[other]
     centres = first.control_point_offset + second.control_point_offset
     return first.radius + second.radius + centres
 
 
-def test_no_changes_of_shape_bring_two_bodies_together() -> None:
-    """Mixes of all three shapes: a change may be overtaken by another."""
+def test_mixes_of_patrol_shapes_keep_bodies_apart() -> None:
+    """Mixes of all three shapes, as one shape transition may replace another."""
     shares = np.linspace(0.0, 1.0, 51)
     mixes = np.array([(a, b, 1.0 - a - b) for a in shares for b in shares if a + b <= 1.0])
     for one, other in combinations(PATROL.followers, 2):
@@ -91,12 +91,12 @@ def test_no_changes_of_shape_bring_two_bodies_together() -> None:
 
 
 @pytest.mark.parametrize("lost", PATROL.followers)
-def test_without_any_one_robot_all_others_still_reach_the_leader(lost: str) -> None:
+def test_no_patrol_robot_holds_after_loss_of_another(lost: str) -> None:
     assert losing(PATROL, lost).holding == ()
 
 
-def test_its_slots_turn_no_faster_than_robots_can_follow() -> None:
-    """In the bend the outermost slot is the fastest; half of what a robot can is left to correct errors."""
+def test_patrol_slots_move_below_half_of_max_speed() -> None:
+    """In the bend the outermost slot is the fastest; half of max_speed is left to correct errors."""
     (bend,) = [leg for leg in PATROL.route if hasattr(leg, "radius")]
     rate = bend.speed / bend.radius
     for shape in PATROL.shapes:
@@ -114,7 +114,7 @@ def least_distance(slots: tuple[complex, ...]) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_neighbouring_slots_are_a_spacing_apart_and_no_two_are_nearer(name: str) -> None:
+def test_least_distance_of_generated_slots_is_the_spacing(name: str) -> None:
     for robots in BAR:
         for spacing in (0.4, 1.0, 7.0):
             slots = SHAPES[name](robots, spacing)
@@ -130,7 +130,7 @@ def test_neighbouring_slots_are_a_spacing_apart_and_no_two_are_nearer(name: str)
             }
 
 
-def test_a_wedge_is_a_tip_and_two_arms_of_45_degrees() -> None:
+def test_wedge_has_tip_and_two_arms_at_45_degrees() -> None:
     tip, left, right, *_ = slots = SHAPES["wedge"](7, 1.0)
     assert tip == -1.0
     assert left - tip == pytest.approx(complex(-1, 1) / 2**0.5)
@@ -138,13 +138,13 @@ def test_a_wedge_is_a_tip_and_two_arms_of_45_degrees() -> None:
     assert slots[5] - tip == pytest.approx(3.0 * (left - tip))
 
 
-def test_a_circle_is_round_the_leader() -> None:
+def test_circle_is_centred_on_the_leader() -> None:
     for robots in BAR:
         assert len({round(abs(slot), 9) for slot in SHAPES["circle"](robots, 1.0)}) == 1
     assert polygon(6, 1.0) == pytest.approx(SHAPES["circle"](6, 1.0))
 
 
-def test_a_grid_of_a_square_number_is_a_square() -> None:
+def test_grid_of_16_robots_is_a_square() -> None:
     slots = SHAPES["grid"](16, 0.5)
     assert {round(slot.real, 9) for slot in slots} == {-0.5, -1.0, -1.5, -2.0}
     assert {round(slot.imag, 9) for slot in slots} == {-0.75, -0.25, 0.25, 0.75}
@@ -159,7 +159,7 @@ def test_polygon_has_robots_on_corners_and_sides(corners: int, more: int) -> Non
 
 
 def check_graph(slots: list[complex]) -> None:
-    """What holds of every graph that is chosen."""
+    """Assert what holds for every generated graph."""
     found = measured(slots)
     graph, both = found.graph, Graph(tuple(map(tuple.__add__, *found)))
     assert graph.neighbours[0] == ()
@@ -184,12 +184,12 @@ POINTS = st.tuples(st.integers(-20, 20), st.integers(-20, 20)).map(lambda xy: co
 
 @given(st.lists(POINTS.filter(bool), min_size=1, max_size=25, unique=True))
 def test_no_edge_is_longer_than_needed(slots: list[complex]) -> None:
-    everyone = [0j, *slots]
-    check_graph(everyone)
-    graph, count = measured(everyone).graph, len(everyone)
-    reach = max(abs(everyone[j] - everyone[i]) for i, js in enumerate(graph.neighbours) for j in js)
+    points = [0j, *slots]
+    check_graph(points)
+    graph, count = measured(points).graph, len(points)
+    reach = max(abs(points[j] - points[i]) for i, js in enumerate(graph.neighbours) for j in js)
     shorter = [
-        tuple(j for j in range(count) if 0.0 < abs(everyone[j] - everyone[i]) < reach * 0.999)
+        tuple(j for j in range(count) if 0.0 < abs(points[j] - points[i]) < reach * 0.999)
         for i in range(1, count)
     ]
     assert any(hops is None or hops > MAX_HOPS for hops in Graph(((), *shorter)).depths)

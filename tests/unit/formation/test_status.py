@@ -1,4 +1,4 @@
-"""Statuses as typed values: there and back, whatever a stranger makes of them, and their sentences."""
+"""Statuses as typed values: encoding, decoding of damaged statuses, and sentences."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ RUNS = AgentStatus(robot="robot1", state=AgentState.RUN, reason=Reason(Code.RUNN
 
 
 @given(statuses)
-def test_status_survives_the_wire(status: AnyStatus) -> None:
+def test_status_is_unchanged_by_encoding_and_reading(status: AnyStatus) -> None:
     payload = encode(status_codec.to_message(status, 1e9))
     assert status_codec.read(type(status), payload) == status
     assert status_codec.sentence(status)
@@ -106,7 +106,7 @@ def test_status_survives_the_wire(status: AnyStatus) -> None:
 
 
 @given(st.sampled_from(WatchdogState), robots)
-def test_status_survives_a_reply(state: WatchdogState, robot: str) -> None:
+def test_status_is_unchanged_by_json_reply(state: WatchdogState, robot: str) -> None:
     status = WatchdogStatus(robot=robot, state=state)
     assert status_codec.from_json(WatchdogStatus, status_codec.to_json(status)) == status
 
@@ -121,7 +121,7 @@ def test_unknown_keys_are_ignored(status: AnyStatus, more: dict[str, str]) -> No
 
 
 @given(st.sampled_from(KINDS), st.data())
-def test_damaged_status_is_one_error(kind: type[AnyStatus], data: st.DataObject) -> None:
+def test_damaged_status_raises_only_bad_message(kind: type[AnyStatus], data: st.DataObject) -> None:
     drawn: AnyStatus = data.draw(of_kind(kind))
     sent = dict(status_codec.encode(drawn).values)
     keys = [*sent, *(f"{one.name}.x" for one in dataclasses.fields(kind)), "reason.silent.x", "reason.silent"]
@@ -135,7 +135,7 @@ def test_damaged_status_is_one_error(kind: type[AnyStatus], data: st.DataObject)
 
 
 @given(st.binary(max_size=200) | st.text().map(str.encode))
-def test_any_reply_is_a_status_or_one_error(data: bytes) -> None:
+def test_random_reply_raises_bad_message(data: bytes) -> None:
     with pytest.raises(BadMessage):
         status_codec.from_json(WatchdogStatus, data)
 
@@ -147,7 +147,7 @@ def test_any_reply_is_a_status_or_one_error(data: bytes) -> None:
         ("age.robot2", "inf"), ("deadlocks", "-1"), ("zone", "red"), ("law", "x" * 401), ("follows.x", "y"),
     ],
 )  # fmt: skip
-def test_value_out_of_range_is_refused(key: str, value: str) -> None:
+def test_status_with_illegal_value_is_refused(key: str, value: str) -> None:
     sent = status_codec.encode(RUNS)
     with pytest.raises(BadMessage, match="status: "):
         status_codec.decode(AgentStatus, dataclasses.replace(sent, values={**sent.values, key: value}))
@@ -170,7 +170,7 @@ def test_sentence_names_every_value(reason: Reason) -> None:
         assert all(part in str(reason) for part in parts)
 
 
-def test_clause_about_an_empty_list_is_left_out() -> None:
+def test_sentence_leaves_out_clauses_of_empty_lists() -> None:
     lost = Reason.of(
         Code.NO_NEIGHBOUR, silent={"robot2": 0.4}, never_received=(), unavailable=(), outside=("r3",)
     )
@@ -178,6 +178,6 @@ def test_clause_about_an_empty_list_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("values", [{}, {"age": "x"}, {"age": math.nan}, {"age": 1.0, "source": "pose"}])
-def test_reason_with_missing_values_is_refused(values: dict[str, Any]) -> None:
+def test_reason_with_missing_or_wrong_values_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"age|limit|source"):
         Reason.read("position_silent", values)

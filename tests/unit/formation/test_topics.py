@@ -19,18 +19,18 @@ from formation.topics import (
 ROOT = Path(__file__).parents[3]
 
 
-def test_no_two_topics_share_a_name_or_a_key() -> None:
+def test_topic_names_and_keys_are_unique() -> None:
     assert len({topic.name for topic in TABLE}) == len(TABLE)
     assert len({topic.pattern for topic in TABLE}) == len(TABLE)
 
 
 @pytest.mark.parametrize("robot", ["", "robot 2", "robot/2", "*", "r$", "r?", "r#", "{robot}"])
-def test_a_name_that_cannot_be_part_of_a_key_is_refused(robot: str) -> None:
+def test_robot_name_illegal_in_keys_is_refused(robot: str) -> None:
     with pytest.raises(ValueError, match="robot"):
         POSITION.key(robot)
 
 
-def test_a_name_too_many_or_too_few_is_refused() -> None:
+def test_key_with_extra_or_missing_name_is_refused() -> None:
     with pytest.raises(ValueError, match="robot is 'robot2'"):
         ERROR.key("robot2")
     with pytest.raises(ValueError, match="other is ''"):
@@ -49,7 +49,7 @@ def test_only_orders_and_watchdogs_are_queried() -> None:
     assert [topic for topic in TABLE if not topic.types] == [ORDER, WATCHDOG]
 
 
-def test_every_topic_is_a_row_of_the_table() -> None:
+def test_markdown_has_one_row_per_topic() -> None:
     head, _, *rows = markdown().splitlines()
     assert len(rows) == len(TABLE)
     assert {row.count("|") for row in [head, *rows]} == {7}
@@ -59,7 +59,7 @@ def test_every_topic_is_a_row_of_the_table() -> None:
     )
 
 
-def test_no_key_is_spelled_outside_the_table() -> None:
+def test_only_topics_module_spells_keys() -> None:
     words = [topic.pattern.rpartition("/")[2] for topic in TABLE if "{other}" not in topic.pattern]
     spelled = [f"/{word}{quote}" for word in words for quote in "\"'"]
     packages = ("formation", "agent", "leader", "monitor", "deploy")
@@ -67,5 +67,5 @@ def test_no_key_is_spelled_outside_the_table() -> None:
     assert len(sources) > 20
     for path in sources:
         if path.name != "topics.py":
-            text = path.read_text().replace('"/api/', '"')  # what a browser asks for is no key
+            text = path.read_text().replace('"/api/', '"')  # paths of the live page are no keys
             assert [key for key in spelled if key in text] == [], path

@@ -1,4 +1,4 @@
-"""What is known of a neighbour: its velocity, its age, and late or lost samples."""
+"""Tracks of neighbours: velocity, delay, and late or lost samples."""
 
 from __future__ import annotations
 
@@ -32,22 +32,20 @@ def follow(track: Track, velocity: complex, period: float, seconds: float) -> Tr
 
 
 @given(vectors)
-def test_a_neighbour_seen_once_is_taken_to_stand_still(point: complex) -> None:
+def test_neighbour_seen_once_has_zero_velocity(point: complex) -> None:
     assert carried_to(first_seen(5.0, point), 5.3, 1.0) == point
     assert arrived(NEVER, 3.0, point, 1.0, TOP) == (3.0, point, 0j)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1e9), st.floats(0.1, 3.0))
-def test_only_a_plausible_delay_is_believed(share: float, off: float, longest: float) -> None:
+def test_only_plausible_delays_are_believed(share: float, off: float, longest: float) -> None:
     assert believed_delay(share * longest, longest) == pytest.approx(share * longest)
     assert believed_delay(-off, longest) == 0.0
     assert believed_delay(2.0 * longest + off, longest) == 0.0
 
 
 @given(vectors, velocities, st.sampled_from([0.01, 0.02, 0.05]))
-def test_the_velocity_is_learned_from_positions_whatever_the_rate(
-    point: complex, velocity: complex, period: float
-) -> None:
+def test_velocity_is_learned_at_any_sample_rate(point: complex, velocity: complex, period: float) -> None:
     track = follow(first_seen(0.0, point), velocity, period, 0.1)
     assert track.velocity == pytest.approx(velocity * (1.0 - math.exp(-1.0)), abs=1e-9)
     assert follow(track, velocity, period, 3.0).velocity == pytest.approx(velocity, abs=1e-9)
@@ -61,7 +59,7 @@ def test_late_sample_of_steady_neighbour_is_extrapolated(
     assert carried_to(track, 4.0 + age, 0.15) == pytest.approx(point + velocity * (4.0 + age), abs=1e-9)
 
 
-def test_a_sample_is_carried_no_further_than_allowed_either_way() -> None:
+def test_extrapolation_is_limited_forwards_and_backwards() -> None:
     track = Track(1.0, 0j, 2.0 + 0j)
     assert carried_to(track, 9.0, 0.5) == 1.0
     assert carried_to(track, 0.0, 0.5) == -1.0
@@ -81,7 +79,7 @@ def test_longest_believed_delay_depends_on_rate(rate: float, longest: float) -> 
     assert longest_delay(rate) == pytest.approx(longest)
 
 
-def test_a_jump_is_not_taken_for_a_sprint() -> None:
+def test_velocity_after_a_jump_is_limited_to_top_speed() -> None:
     track = seen(first_seen(0.0, 0j), 0.05, 50.0 + 0j, TAU, 0.3)
     assert track.point == 50.0
     assert abs(track.velocity) <= 0.3
@@ -92,7 +90,7 @@ NEVER = Track(-math.inf, 0j, 0j)
 
 
 def driving(steps: int, link: Link, track: Track = NEVER) -> Track:
-    """The track of a neighbour that goes at 1 m/s, after so many of its samples."""
+    """The track of a neighbour that drives at 1 m/s, after `steps` samples."""
     for step in range(steps):
         stamp = step * STEP - link.late
         track = arrived(track, stamp, complex(stamp), learned(stamp - track.stamp, 0.1), TOP)
@@ -103,7 +101,7 @@ def driving(steps: int, link: Link, track: Track = NEVER) -> Track:
     ("steps", "carried_over"), [(0, 0), (2, 2), (4, 4), (10, 10), (12, 8), (16, 4), (20, 0), (30, 0)]
 )
 def test_late_sample_on_a_link_is_extrapolated(steps: int, carried_over: int) -> None:
-    """From 0.5 s on only in part."""
+    """Beyond 0.5 s only in part."""
     link = Link(steps * STEP, LIMIT, LONGEST)
     track = driving(60, link)
     assert track.point == pytest.approx((59 - steps) * STEP)
@@ -122,7 +120,7 @@ def test_no_sample_is_fresh_beyond_the_limit() -> None:
 @pytest.mark.parametrize(
     ("silence", "velocity"), [(FORGETTING_SILENCE - STEP, 1.0), (FORGETTING_SILENCE + STEP, 0.0)]
 )
-def test_after_a_long_silence_the_velocity_is_learned_anew(silence: float, velocity: float) -> None:
+def test_velocity_is_learned_anew_after_forgetting_silence(silence: float, velocity: float) -> None:
     track = driving(60, Link(0.0, LIMIT, LONGEST))
     later = track.stamp + silence
     track = arrived(track, later, complex(later), 1.0, TOP)

@@ -1,4 +1,4 @@
-"""How one robot moves: vectors in the plane, arcs, limits, wheels."""
+"""Motion of one robot: vectors in the plane, arcs, limits, wheels."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from tests.unit.formation.planar import angles, headings, lengths, pair, vectors
 
 
 @given(angles)
-def test_rotation_is_a_unit_vector_at_its_angle(angle: float) -> None:
+def test_rotation_is_unit_vector_at_its_angle(angle: float) -> None:
     assert rotation(angle) == pytest.approx(cmath.rect(1.0, angle), abs=1e-12)
 
 
 @given(vectors.filter(lambda vector: abs(vector) > 1e-6))
-def test_a_unit_vector_has_length_one_and_the_same_direction(vector: complex) -> None:
+def test_unit_has_length_one_and_same_direction(vector: complex) -> None:
     assert abs(unit(vector)) == pytest.approx(1.0)
     assert (unit(vector) * vector.conjugate()).real == pytest.approx(abs(vector))
     assert (unit(0j), unit(0j, 1j)) == (1.0, 1j)
@@ -48,7 +48,7 @@ def test_clip_keeps_within_the_limit_and_passes_nan(value: float, limit: float) 
 
 
 @given(vectors, lengths)
-def test_what_is_shortened_keeps_its_direction(vector: complex, limit: float) -> None:
+def test_shorten_limits_length_and_keeps_direction(vector: complex, limit: float) -> None:
     shortened = shorten(vector, limit)
     assert abs(shortened) == pytest.approx(min(abs(vector), limit))
     assert (shortened * vector.conjugate()).imag == pytest.approx(0.0, abs=1e-9)
@@ -64,7 +64,7 @@ rates = st.floats(-3.0, 3.0)
 
 
 @given(vectors, headings, rates, rates)
-def test_the_arc_solves_the_kinematics(
+def test_advance_solves_the_kinematics(
     position: complex, heading: complex, speed: float, turn_rate: float
 ) -> None:
     dt, step = 0.7, 1e-5
@@ -75,7 +75,7 @@ def test_the_arc_solves_the_kinematics(
 
 
 @given(vectors, headings, rates, rates, st.floats(0.0, 1.0))
-def test_an_arc_may_be_cut_anywhere(
+def test_advance_in_two_parts_equals_one_arc(
     position: complex, heading: complex, speed: float, turn_rate: float, share: float
 ) -> None:
     whole = advance(position, heading, speed, turn_rate, 2.0)
@@ -86,14 +86,14 @@ def test_an_arc_may_be_cut_anywhere(
 
 
 @given(vectors, headings, rates)
-def test_without_turning_the_way_is_straight(position: complex, heading: complex, speed: float) -> None:
+def test_advance_without_turning_is_straight(position: complex, heading: complex, speed: float) -> None:
     there, facing = advance(position, heading, speed, 0.0, 1.5)
     assert there == pytest.approx(position + 1.5 * speed * heading, abs=1e-12)
     assert facing == heading
 
 
 @given(vectors, headings, rates, rates, lengths)
-def test_the_control_point_moves_as_equation_4_says(
+def test_control_point_velocity_matches_equation_4(
     position: complex, heading: complex, speed: float, turn_rate: float, offset: float
 ) -> None:
     velocity, dt = control_point_velocity(heading, speed, turn_rate, offset), 1e-6
@@ -106,7 +106,7 @@ def test_the_control_point_moves_as_equation_4_says(
 
 
 @given(vectors | st.just(0j), lengths, lengths, lengths)
-def test_saturation_is_equation_8_to_the_letter(
+def test_saturate_equals_equation_8(
     nominal: complex, offset: float, max_speed: float, max_turn_rate: float
 ) -> None:
     expected = oracle.saturated(pair(nominal), offset, max_speed, max_turn_rate)
@@ -126,7 +126,7 @@ def test_lagging_wheels_agree_for_one_and_two_steps(
 
 
 @given(rates, rates)
-def test_an_ideal_body_does_at_once_what_it_is_told(speed: float, turn_rate: float) -> None:
+def test_ideal_body_follows_command_at_once(speed: float, turn_rate: float) -> None:
     body, reported = Body(), Command(speed, turn_rate)
     assert obeyed(body, reported) == reported
     assert driven(Command(1.0, -1.0), reported, body.lag, 0.05) == (reported, reported)
@@ -148,7 +148,7 @@ def test_multiple_of_step_is_not_truncated(hundredths: int) -> None:
     assert speed == pytest.approx(hundredths / 100.0, abs=1e-12)
 
 
-def test_a_mission_may_depart_from_its_profile() -> None:
+def test_simulated_robot_overrides_values_of_its_profile() -> None:
     assert Body.of(SimulatedRobot()) == Body()
     weaker = Body.of(SimulatedRobot(profile="turtlebot3_burger", max_speed=0.1, speed_step=0.0))
     assert (weaker.max_speed, weaker.speed_step, weaker.turn_rate_step) == (0.1, 0.0, 0.01)

@@ -1,4 +1,4 @@
-"""Which orders verify, which do not and why, and what verifying costs."""
+"""Verification of signed orders: which verify, why others are refused, and its cost."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEADER, STANDBY = MISSION.candidates[0], MISSION.candidates[1]
 FOLLOWER = MISSION.followers[0]
 LED, STOOD, FOLLOWED = signer(LEADER), signer(STANDBY), signer(FOLLOWER)
 TERM = int(EPOCH * 1e9) // 64 * 64
-"""Of the leader; one more is of the first standby."""
+"""A term of the leader; the next number is a term of the first standby."""
 ID_LENGTH = 4 * KEY_ID_BYTES // 3
 
 
@@ -37,7 +37,7 @@ def an_order(beat: int = 1, term: int = TERM) -> Order:
 
 
 class Front:
-    """A verifier, the messages that come to it from one neighbour, and the time."""
+    """A verifier with its clock; makes the messages that the verifier checks."""
 
     def __init__(self, *known: Signer) -> None:
         self.verifier: Verifier = verifier(MISSION)
@@ -50,7 +50,7 @@ class Front:
             self.verifier._certificates[key] = counted, text
 
     def checked(self, of: str = FOLLOWER, clock: float = 0.0, **fields: object) -> Sample:
-        """What becomes of a message with these fields."""
+        """The sample that the verifier returns for a message of robot `of` with these fields."""
         self.mono += self.period
         attachment = PositionAttachment.model_validate({"publisher_id": "v", "count": 1, **fields})
         sample = Sample(
@@ -68,11 +68,11 @@ class Front:
 
 @pytest.fixture
 def front() -> Front:
-    """Knows the certificates of both candidates."""
+    """A verifier that knows the certificates of leader and standby."""
     return Front(LED, STOOD)
 
 
-def test_a_signed_order_verifies_once(front: Front) -> None:
+def test_signed_order_is_verified_only_once(front: Front) -> None:
     fields = signed(MISSION, an_order(), LED)
     for of in (FOLLOWER, *MISSION.followers, LEADER):
         sample = front.checked(of, **fields)
@@ -81,7 +81,7 @@ def test_a_signed_order_verifies_once(front: Front) -> None:
     assert front.verified == 1
 
 
-def test_each_candidate_signs_its_own_terms(front: Front) -> None:
+def test_candidate_signs_only_its_own_terms(front: Front) -> None:
     assert not front.checked(**signed(MISSION, an_order(term=TERM + 1), STOOD)).unverified
     by_standby = front.checked(**signed(MISSION, an_order(), STOOD))
     assert by_standby.unverified == f"order not signed by {LEADER}, but by {STANDBY}"
@@ -91,8 +91,8 @@ def test_each_candidate_signs_its_own_terms(front: Front) -> None:
     assert unsigned.unverified == f"order not signed by {LEADER}: it has no signature"
     assert by_standby.forged
     assert unsigned.forged
-    nobody = front.checked(**signed(MISSION, an_order(term=TERM + 60), LED))
-    assert "belongs to no candidate" in nobody.unverified
+    unowned = front.checked(**signed(MISSION, an_order(term=TERM + 60), LED))
+    assert "belongs to no candidate" in unowned.unverified
 
 
 def test_messages_without_orders_pass(front: Front) -> None:
@@ -112,7 +112,7 @@ def test_messages_without_orders_pass(front: Front) -> None:
         {"slots": {"mix": {"other": 1.0}, "scale": 1000.0}}, {},
     ],
 )  # fmt: skip
-def test_no_part_nor_the_mission_of_an_order_can_be_changed(front: Front, change: dict[str, object]) -> None:
+def test_changed_order_or_mission_fails_verification(front: Front, change: dict[str, object]) -> None:
     fields = signed(MISSION if change else OTHER, an_order(), LED)
     changed = Order.model_validate({**an_order().model_dump(), **change})
     sample = front.checked(signed=order.encode(changed).decode(), signature=fields["signature"])
@@ -124,38 +124,38 @@ def numbers(signature: str) -> tuple[str, int, int]:
     return signature[:ID_LENGTH], int.from_bytes(data[:32]), int.from_bytes(data[32:])
 
 
-def spelled(key_id: str, data: bytes) -> str:
+def encoded(key_id: str, data: bytes) -> str:
     return key_id + base64.urlsafe_b64encode(data).rstrip(b"=").decode()
 
 
-def other_spellings(signature: str) -> dict[str, str]:
-    """What others might take for the same signature, and what is none."""
+def other_encodings(signature: str) -> dict[str, str]:
+    """Other encodings of the same signature, and invalid signatures."""
     key_id, r, s = numbers(signature)
     raw = r.to_bytes(32) + s.to_bytes(32)
     last = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_"
     return {
-        "upper s": spelled(key_id, r.to_bytes(32) + (ORDER_OF_P256 - s).to_bytes(32)),
-        "DER": spelled(key_id, utils.encode_dss_signature(r, s)),
-        "truncated": spelled(key_id, raw[:-1]),
-        "half": spelled(key_id, raw[:32]),
-        "longer": spelled(key_id, raw + b"\0"),
-        "zeros": spelled(key_id, bytes(64)),
-        "ones": spelled(key_id, b"\xff" * 64),
-        "r = 0": spelled(key_id, bytes(32) + s.to_bytes(32)),
+        "upper s": encoded(key_id, r.to_bytes(32) + (ORDER_OF_P256 - s).to_bytes(32)),
+        "DER": encoded(key_id, utils.encode_dss_signature(r, s)),
+        "truncated": encoded(key_id, raw[:-1]),
+        "half": encoded(key_id, raw[:32]),
+        "longer": encoded(key_id, raw + b"\0"),
+        "zeros": encoded(key_id, bytes(64)),
+        "ones": encoded(key_id, b"\xff" * 64),
+        "r = 0": encoded(key_id, bytes(32) + s.to_bytes(32)),
         "unused bits": signature[:-1] + last[last.index(signature[-1]) ^ 1],
         "no signature": key_id,
     }
 
 
-@pytest.mark.parametrize("kind", list(other_spellings(LED.sign(b""))))
-def test_a_signature_has_one_spelling(front: Front, kind: str) -> None:
+@pytest.mark.parametrize("kind", list(other_encodings(LED.sign(b""))))
+def test_only_one_encoding_of_a_signature_verifies(front: Front, kind: str) -> None:
     fields = signed(MISSION, an_order(), LED)
-    sample = front.checked(signed=fields["signed"], signature=other_spellings(fields["signature"])[kind])
+    sample = front.checked(signed=fields["signed"], signature=other_encodings(fields["signature"])[kind])
     assert sample.forged
     assert not front.checked(**fields).unverified
 
 
-def test_a_signature_by_an_unknown_key_costs_nothing(front: Front) -> None:
+def test_signature_by_unknown_key_is_not_verified(front: Front) -> None:
     for beat in range(100):
         sample = front.checked(**signed(MISSION, an_order(beat), FOLLOWED))
         assert "no certificate has come yet" in sample.unverified
@@ -165,13 +165,13 @@ def test_a_signature_by_an_unknown_key_costs_nothing(front: Front) -> None:
 
 
 STRANGER = authority.new_authority("team", 30.0, BEGUN)
-"""Calls itself as ours does."""
+"""Another authority with the name of the team's."""
 FOLLOWERS = issued(FOLLOWER)
 UNTRUSTED = "is not of the team's authority"
 
 
 def issued_by(pair: authority.Pair) -> str:
-    """A certificate of the leader's name."""
+    """A certificate in the leader's name, issued by `pair`."""
     leaders = authority.issue(pair, LEADER, None, 1.0, BEGUN)
     return Signer(identity(leaders, trusted=pair), LEADER, EPOCH).certificate
 
@@ -195,7 +195,7 @@ def certificate_of_authority() -> str:
     ],
     ids=["other authority", "follower's own", "authority", "follower", "cut", "longer", "AAAA"],
 )
-def test_only_candidates_certificates_are_taken(certificate: str, why: str) -> None:
+def test_only_certificates_of_candidates_are_accepted(certificate: str, why: str) -> None:
     front = Front()
     sample = front.checked(certificate=certificate)
     assert why in sample.unverified
@@ -204,7 +204,7 @@ def test_only_candidates_certificates_are_taken(certificate: str, why: str) -> N
     assert not front.verifier.carry(1.0)
 
 
-def test_an_expired_certificate_signs_nothing(front: Front) -> None:
+def test_order_signed_with_expired_certificate_is_refused(front: Front) -> None:
     fields = signed(MISSION, an_order(), LED)
     late = front.checked(clock=31 * 86400.0, **fields)
     assert "not valid by this robot's clock" in late.unverified
@@ -213,14 +213,14 @@ def test_an_expired_certificate_signs_nothing(front: Front) -> None:
     assert not front.checked(**fields).unverified
 
 
-def test_a_renewed_key_verifies_beside_the_old_one(front: Front) -> None:
+def test_renewed_key_and_old_key_both_verify(front: Front) -> None:
     renewed = signer(LEADER)
     assert not front.checked(certificate=renewed.certificate).unverified
     for one, beat in itertools.product((LED, renewed), range(3)):
         assert not front.checked(**signed(MISSION, an_order(beat), one)).unverified
 
 
-def test_old_certificates_do_not_push_out_the_one_in_use(front: Front) -> None:
+def test_certificate_in_use_is_not_evicted_by_others(front: Front) -> None:
     for beat in range(20):
         assert not front.checked(**signed(MISSION, an_order(beat), LED)).unverified
         assert not front.checked(certificate=signer(LEADER).certificate).unverified
@@ -240,8 +240,8 @@ def test_certificates_are_passed_on_at_once_and_every_second() -> None:
     assert carried == [2.0, 3.0, 4.0, 5.0, 6.0]
 
 
-def test_a_flood_of_wrong_signatures_costs_little(front: Front) -> None:
-    """One second of 1000 a second; then its sender is verified again."""
+def test_wrong_signatures_suspend_verification_for_their_sender(front: Front) -> None:
+    """1000 within a second; after SHUN_TIME the sender's orders are verified again."""
     front.period = 0.001
     fields, right = (signed(MISSION, an_order(beat), LED) for beat in (1, 5000))
     for beat in range(1000):
@@ -253,14 +253,14 @@ def test_a_flood_of_wrong_signatures_costs_little(front: Front) -> None:
     assert f"nothing of {FOLLOWER} is verified for {SHUN_TIME:g} s" in sample.unverified
     assert front.checked(**fields).unverified
     assert not front.checked(MISSION.followers[1], **fields).unverified
-    assert not front.checked(**fields).unverified, "what another has brought counts from anybody"
+    assert not front.checked(**fields).unverified, "an order that another robot has sent passes"
     assert front.checked(**right).unverified
     front.mono += SHUN_TIME
     assert not front.checked(**right).unverified
 
 
-def test_a_flood_of_replayed_orders_costs_little(front: Front) -> None:
-    """Each has a right signature: the tape of an insider, played a hundred times as fast."""
+def test_replayed_orders_are_verified_at_limited_rate(front: Front) -> None:
+    """Each has a right signature: a recording, replayed a hundred times as fast."""
     front.period = 0.0005
     tape = [signed(MISSION, an_order(beat), LED) for beat in range(2000)]
     samples = [front.checked(**fields) for fields in tape]
@@ -270,20 +270,20 @@ def test_a_flood_of_replayed_orders_costs_little(front: Front) -> None:
     assert not front.checked(MISSION.followers[1], **signed(MISSION, an_order(5000), LED)).unverified
 
 
-def test_what_a_verifier_remembers_is_bounded(front: Front) -> None:
+def test_verifier_keeps_at_most_64_verified_orders(front: Front) -> None:
     for beat in range(300):
         front.checked(**signed(MISSION, an_order(beat), LED))
     assert len(front.verifier._verified) == 64
 
 
-def test_a_candidate_verifies_its_own_orders_from_the_start() -> None:
+def test_candidate_verifies_its_own_orders_without_received_certificate() -> None:
     own = verifier(MISSION, LED.certificate)
     attachment = PositionAttachment(publisher_id="v", count=1, **signed(MISSION, an_order(), LED))
     sample = Sample(POSITION.key(FOLLOWER), b"", order.encode(attachment), 1.0)
     assert not own.check(sample, EPOCH).unverified
 
 
-def test_a_signer_must_be_the_candidate_that_it_signs_for() -> None:
+def test_signer_refuses_unusable_identity() -> None:
     mine, day = identity(issued(LEADER)), 86400.0
     for one, now, reason in (
         (identity(issued(FOLLOWER)), EPOCH, f"is the certificate of {FOLLOWER}, not of {LEADER}"),
@@ -297,8 +297,8 @@ def test_a_signer_must_be_the_candidate_that_it_signs_for() -> None:
             Signer(one, LEADER, now)
 
 
-def test_the_signature_is_ecdsa_over_the_mission_and_the_text() -> None:
-    """By the library alone, as anybody could check it."""
+def test_signature_is_ecdsa_over_mission_fingerprint_and_order() -> None:
+    """Checked with the cryptography library alone."""
     pair = issued(LEADER)
     fields = signed(MISSION, an_order(), signer(LEADER, pair))
     _, r, s = numbers(fields["signature"])

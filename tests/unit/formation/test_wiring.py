@@ -1,4 +1,4 @@
-"""Links follow the measurement graph, and flags, files and missions set the bus."""
+"""Links by the measurement graph, and bus settings by flags, files and missions."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.support.missions import edited
 STANDBYS = "[standbys.north]\n[standbys.south]\n"
 LEADERS = ("robot1", "north", "south")
 SIX = "\n".join(line for line in read("six_robots")[0].split("\n") if not line.startswith("avoid ="))
-"""In which robots avoid only those that they measure."""
+"""The six robots; each avoids only robots that it measures."""
 FALLBACK = edited(SIX, "robots.robot6", 'fallback_neighbours = ["robot2", "robot1"]')
 
 
 def links(mission: Mission) -> set[frozenset[str]]:
-    """All links of the fleet. Each is dialled once, and every process listens once."""
+    """All links of the team; asserts that each is dialled once and that every process listens once."""
     where = wiring.endpoints(mission)
     owner = {endpoint: name for name, endpoint in where.agents.items()}
     of = {name: wiring.of_member(mission, name, where) for name in (*mission.followers, *mission.candidates)}
@@ -47,12 +47,12 @@ def among(*names: str) -> set[frozenset[str]]:
 def test_avoiding_robots_are_linked_but_leader_is_not() -> None:
     mission = parse(edited(SIX, "robots.robot2", 'avoid = ["robot6"]'))
     assert links(mission) == measured(mission) | among("robot2", "robot6")
-    everybody = parse(edited(SIX, "robot", 'avoid = "all"'))
-    assert links(everybody) == measured(everybody) | among(*everybody.followers)
+    all_avoid = parse(edited(SIX, "robot", 'avoid = "all"'))
+    assert links(all_avoid) == measured(all_avoid) | among(*all_avoid.followers)
 
 
 def test_leaders_and_fallback_neighbours_are_linked() -> None:
-    """Fallback neighbours before they are needed; candidates, and a leader with cohesion, with all robots."""
+    """Fallback neighbours are linked from the start; candidates and a leader with cohesion, to all robots."""
     fallback, patient, shared = map(parse, (FALLBACK, SIX + "[cohesion]\nerror = 0.5\n", SIX + STANDBYS))
     assert links(fallback) == measured(fallback) | among("robot6", "robot2") | among("robot6", "robot1")
     team = {frozenset((one, name)) for one in LEADERS for name in shared.followers}
@@ -62,12 +62,12 @@ def test_leaders_and_fallback_neighbours_are_linked() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in shipped() if not load(name).standbys])
-def test_links_exist_exactly_between_robots_that_listen(name: str) -> None:
+def test_links_exist_exactly_where_robots_receive_positions(name: str) -> None:
     mission = load(name)
     assert links(mission) == {frozenset((i, j)) for i in mission.names for j in mission.received_by(i)}
 
 
-def test_standby_connects_to_all_others_declared_earlier() -> None:
+def test_standby_dials_all_processes_declared_before_it() -> None:
     mission = parse(SIX + STANDBYS)
     assert wiring.called(mission, "robot1") == ()
     assert wiring.called(mission, "north") == mission.names
@@ -84,7 +84,7 @@ def test_standby_ports_follow_the_robots_ports() -> None:
     assert wiring.endpoints(named).agents["north"] == "tcp/192.168.1.9:7460"
 
 
-def test_robots_are_told_apart_by_the_endpoint_that_they_are_behind() -> None:
+def test_by_endpoint_groups_robots_by_endpoint() -> None:
     where = {"robot2": "tcp/desk:7447", "robot3": "tcp/c:1", "robot4": "tcp/desk:7447"}
     assert wiring.by_endpoint(where) == {"tcp/desk:7447": ("robot2", "robot4"), "tcp/c:1": ("robot3",)}
 
@@ -94,7 +94,7 @@ def test_simulated_sensor_of_virtual_leader_is_linked() -> None:
     for text, robots, leaders in (
         (SIX, ["robot2", "robot3"], ()),
         (sensing, parse(SIX).followers, ("robot1",)),
-        (sensing, ["robot4"], ()),  # it looks at robot2 and robot3
+        (sensing, ["robot4"], ()),  # it measures robot2 and robot3
         (sensing + STANDBYS, parse(SIX).followers, LEADERS),
     ):
         mission = parse(text)
@@ -103,13 +103,13 @@ def test_simulated_sensor_of_virtual_leader_is_linked() -> None:
 
 
 @pytest.mark.parametrize("standbys", ["", STANDBYS])
-def test_monitor_dials_all_and_is_dialled_by_none(standbys: str) -> None:
+def test_monitor_dials_every_agent_and_does_not_listen(standbys: str) -> None:
     where = wiring.endpoints(parse(SIX + standbys))
     monitor = wiring.of_monitor(where)
     assert (monitor.listen, set(monitor.connect)) == ((), set(where.agents.values()))
 
 
-def test_no_two_processes_listen_on_one_endpoint() -> None:
+def test_endpoints_of_shipped_missions_are_unique() -> None:
     for name in shipped():
         where = wiring.endpoints(load(name))
         listened = [*where.agents.values(), *where.robots.values()]
@@ -121,7 +121,7 @@ def setting(config: BusConfig, path: str) -> Any:
 
 
 @pytest.mark.parametrize("path", [path for path, _ in DEFAULTS])
-def test_zenoh_accepts_every_default_and_flags_override_it(path: str) -> None:
+def test_zenoh_accepts_every_default_and_its_override(path: str) -> None:
     value = setting(BusConfig(), path)
     assert value is not None
     assert setting(BusConfig(overrides=((path, json.dumps(value)),)), path) == value
@@ -139,7 +139,7 @@ def test_session_neither_scouts_nor_listens_by_default() -> None:
         assert setting(config, path) == value, path
 
 
-def test_flags_outrank_the_file_and_overrides_outrank_both(tmp_path: Path) -> None:
+def test_settings_precedence_is_overrides_then_flags_then_file(tmp_path: Path) -> None:
     def settings(config: BusConfig) -> list[Any]:
         paths = ("mode", "listen/endpoints", "transport/link/tx/lease", "scouting/multicast/enabled")
         return [setting(config, path) for path in paths]
@@ -172,7 +172,7 @@ def test_endpoint_precedence_is_flags_then_file_then_mission(tmp_path: Path) -> 
     assert links(config_file=file, connect=("tcp/b:9",)) == ([], ["tcp/b:9"])
 
 
-def test_the_namespace_and_the_name_reach_zenoh() -> None:
+def test_namespace_name_and_adminspace_are_set_in_zenoh() -> None:
     config = BusConfig(namespace="red/one", name="agent robot2", adminspace=False)
     assert setting(config, "namespace") == "red/one"
     assert setting(config, "metadata") == {"name": "agent robot2"}
@@ -187,7 +187,7 @@ def test_the_namespace_and_the_name_reach_zenoh() -> None:
         "unixsock-stream/run/formation.sock", "serial/dev/ttyUSB0",
     ],
 )  # fmt: skip
-def test_the_endpoints_that_zenoh_users_write_are_legal(endpoint: str) -> None:
+def test_usual_zenoh_endpoints_are_accepted(endpoint: str) -> None:
     assert BusConfig(listen=(endpoint,), connect=(endpoint,)).connect == (endpoint,)
 
 
@@ -199,7 +199,7 @@ def test_the_endpoints_that_zenoh_users_write_are_legal(endpoint: str) -> None:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("flag", ["listen", "connect"])
-def test_an_endpoint_that_cannot_be_is_named_with_what_is_legal(flag: str, endpoint: str) -> None:
+def test_error_names_invalid_endpoint_and_legal_form(flag: str, endpoint: str) -> None:
     with pytest.raises(BusError) as refusal:
         BusConfig(**{flag: (endpoint,)})  # type: ignore[arg-type]
     assert str(refusal.value).startswith(
@@ -207,7 +207,7 @@ def test_an_endpoint_that_cannot_be_is_named_with_what_is_legal(flag: str, endpo
     )
 
 
-def test_any_free_port_can_be_listened_on_but_not_dialled() -> None:
+def test_port_0_is_legal_for_listen_not_for_connect() -> None:
     assert BusConfig(listen=("tcp/127.0.0.1:0",)).listen
     with pytest.raises(BusError, match="from 1 to 65535"):
         BusConfig(connect=("tcp/127.0.0.1:0",))
@@ -216,18 +216,18 @@ def test_any_free_port_can_be_listened_on_but_not_dialled() -> None:
 
 
 @pytest.mark.parametrize("mode", ["", "Peer", "node"])
-def test_an_unknown_mode_is_named_with_the_known_ones(mode: str) -> None:
+def test_error_names_unknown_mode_and_known_modes(mode: str) -> None:
     with pytest.raises(BusError, match=f"--mode '{mode}': must be one of peer, client, router"):
         BusConfig(mode=mode)
 
 
 @pytest.mark.parametrize("namespace", ["/", "red/", "/red", "red//blue", "re*d", "@red", "red blue", "re?d"])
-def test_a_namespace_that_is_no_prefix_is_named(namespace: str) -> None:
+def test_namespace_that_is_no_prefix_is_refused(namespace: str) -> None:
     with pytest.raises(BusError, match="--namespace"):
         BusConfig(namespace=namespace)
 
 
-def test_an_override_is_a_path_and_a_value() -> None:
+def test_parse_override_splits_path_and_value() -> None:
     assert parse_override("transport/link/tx/lease:2000") == ("transport/link/tx/lease", "2000")
     assert parse_override('listen/endpoints:["tcp/[::]:7447"]') == ("listen/endpoints", '["tcp/[::]:7447"]')
     for text in ("", "mode", ":1", "mode:"):
@@ -236,7 +236,7 @@ def test_an_override_is_a_path_and_a_value() -> None:
 
 
 def refusal(config: BusConfig) -> str:
-    """What is said of it, without Zenoh's place in its source."""
+    """The error that `config` causes; asserts that it names no place in Zenoh's source."""
     with pytest.raises(BusError) as caught:
         setting(config, "mode")
     assert ".rs" not in str(caught.value)
@@ -262,9 +262,7 @@ def test_refused_override_is_named_without_source_location(path: str, value: str
     ("text", "reason"),
     [("{mode:", "expected"), ("{mood: 1}", "unknown field `mood`"), (None, "No such file")],
 )
-def test_a_configuration_file_that_cannot_be_read_is_named(
-    tmp_path: Path, text: str | None, reason: str
-) -> None:
+def test_error_names_unreadable_configuration_file(tmp_path: Path, text: str | None, reason: str) -> None:
     file = tmp_path / "zenoh.json5"
     if text is not None:
         file.write_text(text)

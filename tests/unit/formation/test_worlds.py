@@ -1,4 +1,4 @@
-"""What theory says of both laws, the errata, and worlds that are worse than theory's."""
+"""Both laws compared with theory, the paper's errata, and simulations with faults."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tests.unit.formation import scenarios
 SIX = scenarios.six()
 
 
-# Theory's table. `python -m tests.campaigns.bench.table` makes all of it with 400 starts.
+# Table of theory. `python -m tests.campaigns.bench.table` computes all of it with 400 starts.
 
 
 @pytest.mark.slow
-def test_six_robots_settle_six_times_as_fast_by_the_field_law() -> None:
+def test_field_law_settles_six_robots_seven_times_faster() -> None:
     paper = simulate(SIX, runs=200, law="paper", horizon=90.0)
     field = simulate(SIX, runs=200, law="field", horizon=30.0)
     assert paper.converged.mean() > 0.95
@@ -46,7 +46,7 @@ def test_field_law_settles_turtlebot_pair_six_times_faster() -> None:
 
 
 @pytest.mark.slow
-def test_near_limit_only_field_law_settles_from_everywhere() -> None:
+def test_near_limit_only_field_law_settles_from_every_start() -> None:
     mission = scenarios.near_limit()
     paper = simulate(mission, runs=200, law="paper")
     field = simulate(mission, runs=30, law="field", horizon=120.0)
@@ -60,7 +60,7 @@ def test_near_limit_only_field_law_settles_from_everywhere() -> None:
     ("delay", "paper_errs", "field_errs"),
     [(0.0, (3.6, 19.0, 45.0), (0.08, 0.38, 0.84)), (0.1, (4.4, 23.0, 55.0), (0.13, 0.7, 1.5))],
 )
-def test_on_a_circle_the_field_law_errs_fifty_times_less(
+def test_errors_on_circle_match_table_for_both_laws(
     delay: float, paper_errs: tuple[float, ...], field_errs: tuple[float, ...]
 ) -> None:
     mission = scenarios.circling_chain()
@@ -75,7 +75,7 @@ def test_on_a_circle_the_field_law_errs_fifty_times_less(
 
 
 @pytest.mark.slow
-def test_behind_a_straight_leader_late_samples_cost_the_field_law_nothing() -> None:
+def test_field_law_has_no_error_from_delay_behind_straight_leader() -> None:
     mission, late = scenarios.straight_chain(), Options(delay=0.1)
     errs = {
         law: scenarios.out_of_slot(
@@ -91,8 +91,8 @@ def test_behind_a_straight_leader_late_samples_cost_the_field_law_nothing() -> N
 
 
 @pytest.mark.slow
-def test_the_ring_of_twelve_diverges_and_the_ring_of_ten_settles() -> None:
-    known = Options(observer=INNOVATION)  # so that it is the law that is tested, not the first guess
+def test_ring_of_twelve_diverges_and_ring_of_ten_settles() -> None:
+    known = Options(observer=INNOVATION)  # tests the law, not the first heading estimate
     ten, twelve = (
         simulate(scenarios.ring(size), runs=10, law="paper", spread=0.05, options=known, horizon=80.0)
         for size in (10, 12)
@@ -103,16 +103,16 @@ def test_the_ring_of_twelve_diverges_and_the_ring_of_ten_settles() -> None:
 
 
 @pytest.mark.slow
-def test_by_the_observer_as_printed_hardly_any_start_converges() -> None:
+def test_printed_observer_converges_from_few_starts() -> None:
     result = simulate(SIX, runs=50, law="paper", options=Options(observer=PRINTED), horizon=60.0)
     assert result.converged.mean() < 0.1
     assert np.median(result.final_error) > 20.0
 
 
-# A worse world
+# Faults
 
 
-def test_lost_samples_slow_the_formation_down_but_do_not_break_it() -> None:
+def test_all_runs_converge_with_30_percent_sample_loss() -> None:
     result = simulate(SIX, runs=20, horizon=40.0, options=Options(loss=0.3))
     assert result.converged.all()
     assert 3.0 < scenarios.median(result) < 8.0
@@ -126,7 +126,7 @@ def test_robot_without_messages_stands_still() -> None:
     assert np.abs(result.history.turn_rate[deaf]).max() == 0.0
 
 
-def test_delay_compensation_is_what_makes_late_samples_cost_nothing() -> None:
+def test_delay_compensation_removes_error_from_late_samples() -> None:
     late = Options(delay=0.1)
     with_it = simulate(scenarios.straight_chain(), options=late, horizon=40.0)
     without = simulate(scenarios.straight_chain(delay_compensation=False), options=late, horizon=40.0)
@@ -141,7 +141,7 @@ def test_positions_are_extrapolated_by_the_believed_age(delay: float, lag: float
     assert first == pytest.approx(10.0 * lag, rel=0.1, abs=0.05)
 
 
-def test_sensor_on_the_robot_has_neither_delay_nor_loss() -> None:
+def test_local_measurement_has_neither_delay_nor_loss() -> None:
     seen_locally = Options(measurement="local")
     deaf = replace(seen_locally, delay=0.5, loss=1.0)
     clean, worse = (simulate(SIX, runs=3, horizon=20.0, options=options) for options in (seen_locally, deaf))
@@ -150,14 +150,14 @@ def test_sensor_on_the_robot_has_neither_delay_nor_loss() -> None:
 
 
 @pytest.mark.slow
-def test_equation_7_as_it_stands_fails_from_most_starts() -> None:
+def test_unnormalised_equation_7_fails_from_most_starts() -> None:
     printed = Options(measurement="local", normalised=False)
     assert simulate(SIX, runs=60, law="paper", options=printed, horizon=90.0).converged.mean() < 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "bound"), [(0.001, 0.0036), (0.005, 0.018), (0.02, 0.045)])
-def test_noise_leaves_less_than_with_the_paper_law(noise: float, bound: float) -> None:
+def test_noise_causes_less_error_with_field_than_paper_law(noise: float, bound: float) -> None:
     noisy = Options(body=Body(position_noise=noise))
     field, paper = (
         simulate(SIX, runs=20, horizon=horizon, law=law, options=noisy)
@@ -168,7 +168,7 @@ def test_noise_leaves_less_than_with_the_paper_law(noise: float, bound: float) -
     assert rms < 0.62 * reference
 
 
-def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
+def test_simulated_body_clamps_and_lags_commands() -> None:
     mission = scenarios.ramped(load("turtlebot3_pair"), 0.0)
     history = simulate(mission, horizon=30.0, keep=True).history
     assert history is not None
@@ -180,7 +180,7 @@ def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
 
 
 @pytest.mark.slow
-def test_diverging_run_has_not_converged_and_warns_nothing() -> None:
+def test_diverging_run_does_not_converge_and_raises_no_warnings() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         result = simulate(
@@ -191,7 +191,7 @@ def test_diverging_run_has_not_converged_and_warns_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_ten_thousand_robots_are_steps_of_arrays_and_not_of_robots() -> None:
+def test_ten_thousand_robots_are_simulated_by_array_steps() -> None:
     side = 100
     grid = -(np.arange(side * side) % side) - 1j * (np.arange(side * side) // side)
     behind = [() if i == 0 else (i - 1 if i % side else i - side,) for i in range(side * side)]
@@ -210,5 +210,5 @@ def test_ten_thousand_robots_are_steps_of_arrays_and_not_of_robots() -> None:
         assert result.robot_steps == round(seconds / 0.05) * (side * side - 1)
         return called[0]
 
-    calls(0.1)  # what is made once
+    calls(0.1)  # one-time setup
     assert calls(1.1) - calls(0.1) < 20 * side

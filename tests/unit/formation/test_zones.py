@@ -1,4 +1,4 @@
-"""A robot that keeps to its protective zones can stop before what it sees, whatever it is told to do."""
+"""Protective zones: a robot with guarded commands can stop before every scan point."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ commands = st.builds(Command, speeds, turn_rates)
 
 
 class Robot:
-    """A disc whose wheels lag, among points."""
+    """A simulated disc with lagging wheels."""
 
     def __init__(self, lag: float = LAG, moving: Command = STILL) -> None:
         self.position, self.heading, self.moving = 0j, 1.0 + 0j, moving
         self.lag = lag
 
     def go(self, command: Command, elapsed: float) -> list[complex]:
-        """Follow a command; where the robot is after each tenth of the time."""
+        """Follow a command; return the position after each tenth of the time."""
         places = []
         for _ in range(10):
             mean, self.moving = driven(self.moving, command, self.lag, elapsed / 10)
@@ -80,14 +80,14 @@ def test_allowed_command_can_stop_before_obstacle_in_path(seed: int) -> None:
 
 
 def way(moving: Command, reported: Command, hold: float) -> list[complex]:
-    """Where a robot comes that is told something for `hold` [s], and then to stop."""
+    """Positions of a robot that follows a command for `hold` [s] and then stops."""
     robot = Robot(0.3, moving)
     steps = [(reported, hold / 10)] * 10 + [(STILL, 0.2)] * 10
     return [place for command, time in steps for place in robot.go(command, time)]
 
 
 @given(st.lists(places, max_size=8), commands, commands, st.floats(0.05, 0.5))
-def test_no_command_becomes_faster_or_turns_round(
+def test_guarded_never_speeds_up_or_reverses_a_command(
     world: list[complex], wanted: Command, moving: Command, hold: float
 ) -> None:
     command, zone = guarded(wanted, moving, world, BODY, hold)
@@ -98,7 +98,7 @@ def test_no_command_becomes_faster_or_turns_round(
 
 
 @given(st.lists(places, max_size=8), commands, commands)
-def test_left_is_treated_like_right_and_rear_like_front(
+def test_guarded_is_symmetric_left_right_and_front_rear(
     world: list[complex], wanted: Command, moving: Command
 ) -> None:
     command, zone = guarded(wanted, moving, world, BODY, 0.2)
@@ -113,7 +113,7 @@ def test_left_is_treated_like_right_and_rear_like_front(
 
 
 @pytest.mark.parametrize("aside", [0.16, -0.16, 0.3])
-def test_along_a_wall_and_past_a_post_it_goes_on(aside: float) -> None:
+def test_robot_passes_along_wall_and_past_post(aside: float) -> None:
     robot = drive(wall(complex(-1, aside), complex(6, aside)), Command(0.22, 0.0))
     assert robot.position.real > 3.0
     assert abs(robot.position.imag) < 1e-9
@@ -121,13 +121,13 @@ def test_along_a_wall_and_past_a_post_it_goes_on(aside: float) -> None:
 
 
 @given(st.lists(places, min_size=1, max_size=8), st.floats(-1.5, 0.0), st.floats(0.0, 1.5))
-def test_a_wider_sector_is_never_freer(world: list[complex], right: float, left: float) -> None:
+def test_wider_sector_has_no_more_free_distance(world: list[complex], right: float, left: float) -> None:
     wide, narrow = free(world, REACH, right, left), free(world, REACH, 0.5 * right, 0.5 * left)
     assert wide <= narrow
 
 
 @given(clear, st.floats(-1.5, 0.0), st.floats(0.0, 1.5), st.floats(0.0, 1.0))
-def test_in_no_direction_of_the_sector_is_a_point_touched_sooner(
+def test_no_point_is_touched_within_free_distance(
     point: complex, right: float, left: float, share: float
 ) -> None:
     room = free([point], REACH, right, left)
@@ -137,11 +137,11 @@ def test_in_no_direction_of_the_sector_is_a_point_touched_sooner(
         assert abs(point - way * direction) > REACH - 1e-9
 
 
-def test_spinning_robot_respects_points_all_around() -> None:
+def test_free_considers_points_behind_a_wide_sector() -> None:
     assert free([cmath.rect(0.3, -3.1)], REACH, -0.05, 3.0) == pytest.approx(0.3 - REACH)
 
 
-# What robots meet
+# Driving among obstacles
 
 
 def drive(world: Sequence[complex], wanted: Command, seconds: float = 20.0, hold: float = 0.25) -> Robot:
@@ -152,7 +152,7 @@ def drive(world: Sequence[complex], wanted: Command, seconds: float = 20.0, hold
     return robot
 
 
-def test_robot_near_obstacle_stops_before_turning_round() -> None:
+def test_robot_near_obstacle_stops_before_reversing() -> None:
     moving, wanted = Command(-0.22, 0.0), Command(0.22, 0.5)
     assert guarded(wanted, moving, [0.18j], BODY, 0.25) == (Command(0.0, 0.5), Zone.STOP)
     assert guarded(wanted, Command(-0.005, 0.0), [0.18j], BODY, 0.25) == (wanted, Zone.CLEAR)
@@ -164,14 +164,14 @@ def wall(begin: complex, end: complex) -> list[complex]:
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.22, 1.0, -0.22])
-def test_before_a_post_it_stops_with_the_margin_left(speed: float) -> None:
+def test_robot_stops_before_post_at_the_margin(speed: float) -> None:
     ahead = math.copysign(1.0, speed)
     robot = drive([ahead + 0j], Command(speed, 0.0))
     assert ahead * robot.position.real == pytest.approx(1.0 - REACH, abs=2e-3)
     assert abs(robot.moving.speed) < 1e-3
 
 
-def test_it_slows_the_sooner_the_faster_it_is() -> None:
+def test_faster_robot_slows_at_greater_distance() -> None:
     def first_slow(speed: float) -> float:
         moving = Command(speed, 0.0)
         reach = [0.005 * n for n in range(1, 400)]
@@ -199,7 +199,7 @@ def test_robot_near_obstacle_may_turn_away() -> None:
         assert guarded(wanted, STILL, world, BODY, 0.25) == (wanted, Zone.CLEAR)
 
 
-def test_a_turn_opens_the_zone_to_its_side() -> None:
+def test_zone_extends_to_the_side_of_the_turn() -> None:
     post = 0.25 * cmath.rect(1.0, 0.7)
     moving = Command(0.5, 0.0)
     assert guarded(moving, moving, [post], BODY, 0.25)[1] is Zone.CLEAR
@@ -213,7 +213,7 @@ def test_obstacle_too_near_for_stopping_still_stops_robot() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_noise_of_the_ranges_costs_no_more_than_the_noise(seed: int) -> None:
+def test_range_noise_moves_stopping_position_within_margin(seed: int) -> None:
     rng, robot = random.Random(seed), Robot()
     for _ in range(400):
         seen = [point + rng.gauss(0.0, 0.005) for point in robot.sees([1 + 0j])]

@@ -1,4 +1,4 @@
-"""Leaders as tests drive them: bytes in, bytes out, on a clock of the test's own."""
+"""Leaders driven by tests: messages in, messages out, on a clock that the test sets."""
 
 from __future__ import annotations
 
@@ -47,43 +47,45 @@ speed = 0.5
 MISSION = parse(CURVED)
 
 
-class Said(NamedTuple):
+class SentPosition(NamedTuple):
+    """A position of the leader, with its order."""
+
     mono: float
     pose: Pose
     order: Order
     publisher_id: str = ""
 
 
-def listened(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
-    """A leader that has listened to nobody, and will lead with its step at `start`."""
+def about_to_lead(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
+    """A leader that has listened and received nothing; it leads from its step at `start`."""
     leader = Leader(mission, **how)
     leader.step(at(start - LISTENING_TIME), [])
     return leader
 
 
 def leading(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
-    """One that leads already, and has said so once."""
-    leader = listened(mission, start, **how)
+    """A leader that leads and has sent its first position."""
+    leader = about_to_lead(mission, start, **how)
     leader.step(at(start), [])
     return leader
 
 
-def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
+def positions(mono: float, outbox: list[Outgoing]) -> list[SentPosition]:
     return [
-        Said(mono, decode(Pose, out.payload), attachment.order, attachment.publisher_id)
+        SentPosition(mono, decode(Pose, out.payload), attachment.order, attachment.publisher_id)
         for out in outbox
         if out.key.endswith("/position")
         and (attachment := order.decode(PositionAttachment, out.attachment or b"")).order
     ]
 
 
-def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
+def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[SentPosition]:
     times = [start + i * step for i in range(round(seconds / step))]
     return [one for mono in times for one in positions(mono, leader.step(at(mono), []))]
 
 
 def ask(leader: Leader, request: bytes | str, received: float = 0.0) -> OperatorReply:
-    """What it answers to a request, or to one word of it; a release or a run names what is in force."""
+    """The reply to a request, or to its name; a release or run gets the ids that it ends."""
     if isinstance(request, str):
         request = request.encode() if request[:1] == "{" else f'{{"do":"{request}"}}'.encode()
     with suppress(BadMessage):
@@ -109,7 +111,7 @@ def relayed(
     publisher: str = "of",
     **attachment: Any,
 ) -> Outgoing:
-    """A follower's position, with the order that it relays; `of` is its mission."""
+    """A position of a follower of mission `of`, with the order that it relays."""
     number = next(_COUNT) if count is None else count
     result = PositionAttachment(
         publisher_id=f"{publisher}-{robot}", count=number, order=what, mission=of.tag, **attachment

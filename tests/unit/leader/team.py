@@ -1,6 +1,6 @@
-"""Real candidates and real agents in a world where everything may happen, and what must hold in it always.
+"""Real candidates and agents with a simulated network and faults, and the invariants of an election.
 
-Robots stand where they are: what is judged is who leads, what is ordered, and who obeys.
+Robots do not move: the checks are about leadership, orders and obedience.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from tests.support.missions import row_of_three
 
 EPOCH = 1.7e9
 TICK = 0.1
-"""Of `MISSION` [s]."""
+"""Tick of `MISSION` [s]."""
 TWIN = "-twin"
-"""How the name of a second agent of a robot ends."""
+"""Suffix of the name of a robot's second agent."""
 MISSION: Mission = parse(
     row_of_three(
         "chain",
@@ -73,29 +73,29 @@ def chain(followers: int = 3, standbys: int = 2, takeover: float = 1.0, rate: fl
 
 @dataclass
 class Process:
-    """A candidate or an agent, its clocks, and what happens to it."""
+    """A candidate or an agent, its clocks and its faults."""
 
     core: Leader | Agent
     phase: float
-    """So much after each tick it has its turn [s]."""
+    """Its turn comes this long after each tick [s]."""
     offset: float
-    """Of its monotonic clock [s]."""
+    """Offset of its monotonic clock [s]."""
     pace: float = 1.0
-    """How fast that runs."""
+    """Rate of its monotonic clock."""
     wrong: float = 0.0
-    """Of its system clock [s]."""
+    """Error of its system clock [s]."""
     alive: bool = True
     frozen: bool = False
     inbox: list[Sample] = field(default_factory=list)
     odometry_due: float = 0.0
     stopped: bool = False
-    """Whether it has acknowledged a stop that it has not been released of."""
+    """It has acknowledged a stop, and no release since."""
     requested: set[str] = field(default_factory=set)
     """Ids of requests that it has acknowledged."""
     readonly: bool = False
     """An agent that sends its robot nothing."""
     disk: int = 0
-    """Of a candidate: the newest term that it has kept."""
+    """Of a candidate: the newest term on its disk."""
 
     def now(self, true: float) -> Now:
         return Now(self.offset + true * self.pace, EPOCH + self.wrong + true)
@@ -114,13 +114,13 @@ class Team:
         self.slowest = 0.01
         """Longest delay of a message [s]."""
         self.missions: dict[str, Mission] = {}
-        """Of processes that run another one."""
+        """Missions of processes that run another one than the team."""
         self.keeps = False
         """Whether candidates keep their newest term on disk."""
         self.cuts: set[tuple[str, str]] = set()
-        """Who is not received by whom."""
-        self.said: dict[tuple[int, int], Order] = {}
-        """All orders that were ever said, by term and beat."""
+        """Pairs of a sender and a receiver that does not receive it."""
+        self.sent_orders: dict[tuple[int, int], Order] = {}
+        """All orders ever sent, by term and beat."""
         self.leader_terms: list[tuple[str, int]] = []
         self._flight: list[tuple[float, int, str, Sample]] = []
         self._serial = itertools.count()
@@ -147,7 +147,7 @@ class Team:
         return core
 
     def twin(self, robot: str, *, readonly: bool = False) -> None:
-        """A second agent for this robot starts."""
+        """Start a second agent for this robot."""
         name, before = robot + TWIN, self.processes[robot]
         self.processes[name] = Process(
             self._core(name, readonly=readonly),
@@ -158,7 +158,7 @@ class Team:
         )
 
     def end(self, name: str) -> None:
-        """A candidate ends in good order; its last position, sent when it leads no more, is lost."""
+        """End a candidate in good order; its last position, which it sends without a lease, is lost."""
         process = self.processes[name]
         last = self.leader(name).halt(process.now(self.true), "ended")
         self._send(name, [out for out in last if out.key != POSITION.key(self.mission.leader)])
@@ -169,7 +169,7 @@ class Team:
             self.processes[name].alive &= not name.endswith(TWIN)
 
     def restart(self, name: str) -> None:
-        """A new process; of an agent the stop is kept on its disk, of a candidate its newest term, if any."""
+        """Start a new process; an agent reads its stop from disk, a candidate its newest term, if stored."""
         process = self.processes[name]
         kept = None
         if isinstance(process.core, Agent):
@@ -182,7 +182,7 @@ class Team:
             process.stopped, process.requested = False, set()
 
     def thaw(self, name: str) -> None:
-        """What came meanwhile is read, and counts as arrived, only now."""
+        """Continue a frozen process; messages that came meanwhile count as arrived now."""
         process = self.processes[name]
         if process.frozen:
             late = process.now(self.true).mono
@@ -193,14 +193,14 @@ class Team:
         process.frozen = False
 
     def stand(self, name: str) -> None:
-        """A standby stands though it has not waited."""
+        """Let a standby ask for votes without waiting."""
         process, candidacy = self.processes[name], self.leader(name).candidacy
         if process.alive and not process.frozen and candidacy.state == "standby":
             now = process.now(self.true)
             candidacy._begin(now)
 
     def ask(self, name: str, request: OperatorRequest) -> None:
-        """An operator asks one process; what it then owes is kept in mind."""
+        """Send one process an operator request, check its gains, and note what it acknowledges."""
         process = self.processes[name]
         if not process.alive or process.frozen:
             return
@@ -210,7 +210,7 @@ class Team:
         reply = order.decode(OperatorReply, process.core.request(order.encode(request), mono))
         after = process.core.plan.tuned if isinstance(process.core, Leader) else None
         if not reply.ok or request.id in process.requested or request.do != "tune":
-            assert after == before, f"{name} has other gains though nothing new was asked"
+            assert after == before, f"{name} changed its gains without a new request"
         elif isinstance(process.core, Leader):
             assert process.core.plan.gains == intent.tuned(request, process.core.plan.gains)
         if reply.ok and request.id not in process.requested and request.do in {"stop", "release"}:
@@ -219,7 +219,7 @@ class Team:
             process.requested.add(request.id)
 
     def run(self, seconds: float) -> None:
-        """Raises AssertionError as soon as anything does not hold."""
+        """Run all processes; raise AssertionError as soon as an invariant is violated."""
         for _ in range(round(seconds / self.tick)):
             start = self.true
             for name, process in sorted(self.processes.items(), key=lambda item: item[1].phase):
@@ -231,7 +231,7 @@ class Team:
             self.true = start + self.tick
 
     def heal(self) -> None:
-        """Everything works again, and whoever was dead is started."""
+        """End all faults and start dead processes again."""
         self.loss = self.twice = 0.0
         self.slowest = 0.01
         self.cuts.clear()
@@ -243,12 +243,12 @@ class Team:
 
     @property
     def leaders(self) -> list[str]:
-        """Who is in lease at this moment, by its own clock."""
+        """Candidates whose lease is valid now by their own clocks."""
         return [name for name in self.mission.candidates if self._in_lease(name)]
 
     @property
     def agreed(self) -> bool:
-        """Whether one leads, and everybody obeys it."""
+        """Whether exactly one candidate leads and all agents obey it."""
         if len(self.leaders) != 1:
             return False
         led = self.leader(self.leaders[0])
@@ -307,16 +307,16 @@ class Team:
         before = orders.newest
         self._send(name, agent.step(process.now(self.true), inbox))
         if orders.newest is not None and orders.newest is not before:
-            assert orders.newest.term >= orders.voter.state.voted_term, f"{name} obeys a leader of the past"
+            assert orders.newest.term >= orders.voter.state.voted_term, f"{name} obeys an older term"
         if process.stopped:
-            assert agent.decision.state is AgentState.STOP, f"{name} is stopped, and is not"
+            assert agent.decision.state is AgentState.STOP, f"{name} does not obey its stop"
 
     def _check(self, name: str, process: Process) -> None:
-        """What must hold after each turn."""
+        """Check the invariants after each turn."""
         if isinstance(process.core, Agent):
             assert not process.stopped or process.core.latch.mode == "stop", f"{name} lost a stop"
             newest = process.core.orders.newest
-            assert newest is None or self.said[newest.term, newest.beat] == newest
+            assert newest is None or self.sent_orders[newest.term, newest.beat] == newest
             return
         assert not process.stopped or process.core.mode == "stop", f"{name} lost a stop"
         leaders = self.leaders
@@ -344,14 +344,14 @@ class Team:
                     self._deliver(receiver, Sample(out.key, out.payload, out.attachment, 0.0))
 
     def _note(self, sender: str, out: Outgoing) -> None:
-        """Nobody speaks as the leader without a lease, and no two orders share a term and a beat."""
+        """Check that an order is sent with a lease, and no other order with its term and beat."""
         assert self._in_lease(sender), f"{sender} orders without a lease"
         result = order.decode(PositionAttachment, out.attachment or b"").order
         assert result is not None
-        assert self.said.setdefault((result.term, result.beat), result) == result
+        assert self.sent_orders.setdefault((result.term, result.beat), result) == result
 
     def _sign(self, receiver: str, sample: Sample) -> None:
-        """A sign of life on a robot's own side, which is neither cut nor lost, and comes soon."""
+        """Deliver a sign of life on the robot's own side: never cut or lost, with a short delay."""
         when = self.true + self.random.uniform(0.0, self._longest_sign)
         heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
 

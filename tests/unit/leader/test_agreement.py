@@ -1,4 +1,4 @@
-"""Orders, terms and failover, checked by a machine that does to real candidates and agents whatever it likes.
+"""Orders, terms and failover of real candidates and agents under random steps.
 
 FORMATION_MODEL_STEPS=200000 pytest tests/unit/leader/test_agreement.py   searches longer, with new seeds.
 """
@@ -18,12 +18,12 @@ from tests.unit.leader.team import MISSION, TICK, Team
 
 STEPS = int(os.environ.get("FORMATION_MODEL_STEPS", "10000"))
 LONG = 100
-"""So many steps has a run."""
+"""Steps of a run."""
 AGREED = 8.0
-"""So long after everything works again everybody agrees, at the latest [takeovers]."""
+"""Longest time from the end of all faults until all agents agree [takeovers]."""
 TAKEN: Counter[str] = Counter()
 ENDS = ("agreed", "gains kept", "leader_terms")
-"""What is counted when a run has ended, and is no step."""
+"""Counted at the end of a run; these are no steps."""
 
 NAMES = (*MISSION.candidates, *MISSION.followers)
 ONE = st.sampled_from(NAMES)
@@ -110,13 +110,13 @@ class Machine(RuleBasedStateMachine):
 
     @rule(name=CANDIDATE, meanwhile=MEANWHILE)
     def stand(self, name: str, meanwhile: int) -> None:
-        """As if nobody had led for long: that two never lead must not rest on patience."""
+        """Skip the wait before a candidacy: that two never lead must not depend on it."""
         self.team.stand(name)
         self.done("stand", meanwhile)
 
     @rule(name=CANDIDATE, few=st.frozensets(ONE, max_size=2), anew=st.booleans(), calm=st.booleans())
     def overthrow(self, name: str, few: frozenset[str], anew: bool, calm: bool) -> None:
-        """Who leads is cut off with a few, everybody else may start anew, and one stands again and again."""
+        """Cut off the leader and `few`, restart agents if `anew`, let a candidate ask for votes often."""
         if calm:
             self.team.heal()
             self.team.run(1.5)
@@ -157,24 +157,24 @@ class Machine(RuleBasedStateMachine):
         self.wishes += 1
         return f"wish{self.wishes}"
 
-    def _ask(self, wish: OperatorRequest, whom: frozenset[str] | tuple[str, ...]) -> None:
+    def _ask(self, wish: OperatorRequest, names: frozenset[str] | tuple[str, ...]) -> None:
         self.wish = wish
-        for name in sorted(whom):
+        for name in sorted(names):
             self.team.ask(name, wish)
 
     def teardown(self) -> None:
-        """Everything works again: one leads, and everybody obeys it, for as long as nothing happens."""
+        """Without faults, one candidate leads and all agents obey it."""
         self.team.heal()
         bound = self.team.true + AGREED * MISSION.takeover
         while not self.team.agreed and self.team.true < bound:
             self.team.run(5 * TICK)
         assert self.team.agreed
-        self._gains_outlive_who_ordered_them()
+        self._gains_outlive_the_leader()
         TAKEN["agreed"] += 1
         TAKEN["leader_terms"] += len(self.team.leader_terms)
 
-    def _gains_outlive_who_ordered_them(self) -> None:
-        """What everybody has heard is neither lost nor another's when the next leads."""
+    def _gains_outlive_the_leader(self) -> None:
+        """Gains that all agents have received stay in force under the next leader."""
         bound = self.team.true + AGREED * MISSION.takeover
         while not self._tuned(2.4):
             assert self.team.true < bound
@@ -192,7 +192,7 @@ class Machine(RuleBasedStateMachine):
         TAKEN["gains kept"] += 1
 
     def _tuned(self, k_p: float) -> bool:
-        """Whether one leads and everybody has these gains from it."""
+        """Whether one candidate leads and all agents have this k_p from it."""
         newest = [self.team.agent(name).orders.newest for name in MISSION.followers]
         gains = [one.tuned.k_p if one is not None and one.tuned is not None else None for one in newest]
         return self.team.agreed and gains == [k_p] * len(gains)

@@ -1,4 +1,4 @@
-"""Cohesion: the leader slows and waits while the formation is torn, if its mission says so."""
+"""Cohesion: the leader slows and waits while edge errors are large, if its mission has `[cohesion]`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def bound(patience: float | None = None) -> Mission:
 
 
 def receive(patience: Patience, mono: float, off: dict[str, complex], leader: complex = 0j) -> None:
-    """Every follower tells its position; those in `off` are so far from their slots."""
+    """Give the positions of all followers; those in `off` are that far from their slots."""
     for name in SIX.followers:
         point = leader + FIRST.slot(SIX, name) + off.get(name, 0j)
         offset = SIX.robots[name].control_point_offset
@@ -39,21 +39,21 @@ def paces(patience: Patience, start: float, seconds: float, off: dict[str, compl
     return result
 
 
-def test_it_is_off_unless_the_mission_asks_for_it() -> None:
+def test_cohesion_is_off_without_mission_table() -> None:
     patience = Patience(SIX)
     assert set(paces(patience, 0.0, 3.0, {"robot4": 9.0 + 0j})) == {1.0}
     assert patience.waits_for == ()
 
 
 @pytest.mark.parametrize(("off", "pace"), [(0.2, 1.0), (0.3, 1.0), (0.45, 0.5), (0.6, 0.0), (3.0, 0.0)])
-def test_it_slows_from_half_of_the_bound_and_stands_at_it(off: float, pace: float) -> None:
+def test_pace_falls_to_zero_from_half_the_bound(off: float, pace: float) -> None:
     patience = Patience(bound())
     assert paces(patience, 0.0, 4.0, {"robot2": complex(off)})[-1] == pytest.approx(pace, abs=1e-9)
     assert patience.error == pytest.approx(off)
     assert ("robot2" in patience.waits_for) == (pace < 1.0)
 
 
-def test_its_pace_changes_smoothly() -> None:
+def test_pace_changes_at_limited_rates() -> None:
     patience = Patience(bound())
     result = [*paces(patience, 0.0, 2.0, {"robot2": 3.0 + 0j}), *paces(patience, 2.0, 4.0, {})]
     assert all(-0.101 < after - before < 0.026 for before, after in pairwise(result))
@@ -65,7 +65,7 @@ def test_leader_waits_for_one_robot_only_within_patience() -> None:
     assert paces(patience, 0.0, 4.9, {"robot4": 3.0 + 0j})[-1] == 0.0
     assert paces(patience, 4.9, 4.0, {"robot4": 3.0 + 0j})[-1] == 1.0
     both = {"robot4": 3.0 + 0j, "robot2": 0.0 - 3.0j}
-    assert paces(patience, 8.9, 2.0, both)[-1] == 0.0  # another one is another wait
+    assert paces(patience, 8.9, 2.0, both)[-1] == 0.0  # each robot has its own wait
     assert "robot4" not in patience.waits_for
     assert paces(patience, 10.9, 3.0, {})[-1] == 1.0
     assert paces(patience, 13.9, 2.0, {"robot4": 3.0 + 0j})[-1] == 0.0
@@ -79,7 +79,7 @@ def test_leader_does_not_wait_for_silent_robots() -> None:
 
 
 @pytest.mark.slow
-def test_a_robot_that_stands_keeps_the_leader_until_it_comes_again() -> None:
+def test_leader_waits_for_stopped_robot_until_it_runs() -> None:
     fleet = Fleet(bound(), seed=3)
     fleet.run(15.0)
     assert fleet.ask("robot5", "stop").ok
@@ -97,7 +97,7 @@ def test_a_robot_that_stands_keeps_the_leader_until_it_comes_again() -> None:
 
 
 def edges(fleet: Fleet) -> list[complex]:
-    """What every edge is off by, as the robots really are [m]."""
+    """Error of every edge, from the true positions [m]."""
     points, slots = fleet.points(), fleet.leader.plan.shape_transition.placed_shape.slots(SIX)
     return [
         points[j] - points[i] - (slots[j] - slots[i])

@@ -1,4 +1,4 @@
-"""A leader driven by hand: velocities expire, whatever messages and clocks do."""
+"""A leader driven by hand: velocities and their expiry, limits and bounds."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Driver:
         return reply
 
     def hold_stick(self, since: float, seconds: float, forward: float, turn_rate: float = 0.0) -> float:
-        """Send it for so long; return when the last one was sent."""
+        """Send a velocity for `seconds`; return the time of the last request."""
         for i in range(round(seconds / 0.05) + 1):
             now = since + 0.05 * i
             self.send(now, forward, turn_rate)
@@ -55,7 +55,7 @@ def driven(
     return leader, driver, driver.hold_stick(0.1, seconds, forward, turn_rate)
 
 
-def test_leader_drives_while_velocities_come() -> None:
+def test_leader_drives_while_velocities_arrive() -> None:
     leader, _, _ = driven()
     assert leader.mode == "run"
     assert leader.plan.route.id == "driven"
@@ -70,14 +70,14 @@ def test_first_request_moves_nothing() -> None:
     assert leader.plan.where() == 0j
 
 
-def test_team_holds_at_once_when_driver_lets_go() -> None:
+def test_zero_velocity_holds_the_team_at_once() -> None:
     leader, driver, end = driven()
     driver.send(end + 0.05, 0.0)
     (now,) = positions(end, leader.step(at(end + 0.051), []))
     assert now.order.mode == "hold"
 
 
-def test_team_holds_when_nothing_more_comes() -> None:
+def test_team_holds_after_drive_timeout() -> None:
     leader, _, end = driven()
     sent = drive(leader, end + 0.01, 1.0, step=0.01)
     late = [one for one in sent if one.mono > end + DRIVE_TIMEOUT_SECONDS + 0.011]
@@ -101,8 +101,8 @@ def test_late_or_recorded_velocity_moves_nothing(delay: float) -> None:
 
 
 @given(st.lists(st.integers(0, 40), max_size=60))
-def test_repetition_cannot_prolong_a_velocity(moments: list[int]) -> None:
-    """Whenever its last request is repeated, the leader stands 0.3 s after the reply that it answers."""
+def test_repeated_request_does_not_prolong_a_velocity(moments: list[int]) -> None:
+    """Whenever the last request is repeated, the leader holds 0.3 s after the reply with its token."""
     leader, driver, end = driven(0.3)
     request = OperatorRequest(do="drive", forward=0.1, turn_rate=0.0, token=driver.token, id=driver.name)
     for moment in sorted(moments):
@@ -113,7 +113,7 @@ def test_repetition_cannot_prolong_a_velocity(moments: list[int]) -> None:
             assert leader.mode == "hold"
 
 
-def test_second_driver_waits_until_the_first_lets_go() -> None:
+def test_second_driver_is_refused_while_the_first_drives() -> None:
     leader, driver, end = driven()
     other = Driver(leader, "driver-2")
     other.send(end, 0.2)
@@ -124,7 +124,7 @@ def test_second_driver_waits_until_the_first_lets_go() -> None:
     assert other.send(end + 0.56, 0.2).ok
 
 
-def test_velocity_starts_nothing_while_held_or_stopped() -> None:
+def test_velocity_is_refused_during_hold_and_stop() -> None:
     leader, driver, end = driven()
     for do in ("hold", "stop"):
         leader.request(order.encode(OperatorRequest(do=do, id=do)), end + 0.01)
@@ -142,7 +142,7 @@ def test_ordered_route_ends_the_drive() -> None:
     assert leader.plan.route.id != "driven"
 
 
-def test_standby_takes_over_standing() -> None:
+def test_standby_holds_after_takeover_of_a_drive() -> None:
     leader, _, _ = driven()
     newest = leader.plan.order(1, 5, "run")
     other = leading(CONVOY)
@@ -182,11 +182,11 @@ def test_ramp_goes_towards_the_wanted_velocity(forward: float, turn_rate: float,
     assert math.copysign(1.0, found.forward) == math.copysign(1.0, forward) or found.forward == 0.0
 
 
-def test_token_is_the_leaders_own_clock() -> None:
+def test_token_is_the_leaders_clock_in_milliseconds() -> None:
     assert token(12.3456) == 12345
 
 
-def test_leader_that_turns_keeps_slots_within_the_bounds() -> None:
+def test_turning_leader_keeps_slots_within_the_bounds() -> None:
     mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.6, 6.0]\ny = [-1.2, 1.2]\n")
     leader = leading(mission)
     leader.plan.cohesion._bound = None
@@ -202,7 +202,7 @@ def test_leader_that_turns_keeps_slots_within_the_bounds() -> None:
         assert turn_rate * cmath.phase(leader.plan.route.heading(leader.plan.route_time)) > 0.05
 
 
-def test_velocity_that_overtakes_its_release_is_refused() -> None:
+def test_velocity_sent_before_the_zero_velocity_is_refused() -> None:
     leader, driver, end = driven()
     late = driver.token
     driver.send(end + 0.05, 0.0)
@@ -214,7 +214,7 @@ def test_velocity_that_overtakes_its_release_is_refused() -> None:
     assert driver.send(end + 0.15, 0.1).ok
 
 
-def test_refused_first_request_leaves_the_lost_route() -> None:
+def test_refused_first_request_does_not_clear_route_unknown() -> None:
     leader = leading(CONVOY)
     leader.plan.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
     driver = Driver(leader)

@@ -1,4 +1,4 @@
-"""A leader that starts again goes on from what the robots relay, or waits for run."""
+"""A restarted leader continues from the order that robots relay, or waits for run."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tests.support.fleet import Fleet, at
 from tests.unit.leader.leading import (
     CURVED,
     MISSION,
-    Said,
+    SentPosition,
+    about_to_lead,
     arriving,
     ask,
     drive,
     leading,
-    listened,
     positions,
     relayed,
     status,
@@ -32,9 +32,9 @@ TERM = int(1.6e9 * 1e9)
 MODES = (["run"], ["hold"], ["stop"], ["hold", "stop"])
 
 
-def last_of(*requests: str) -> Said:
-    """What a leader says last that has led for 5 s, and was asked this in the last of them."""
-    leader = listened()
+def last_of(*requests: str) -> SentPosition:
+    """Last position of a leader that leads for 5 s and receives these requests after 4 s."""
+    leader = about_to_lead()
     drive(leader, 0.0, 4.0)
     for request in requests:
         ask(leader, request)
@@ -42,14 +42,14 @@ def last_of(*requests: str) -> Said:
 
 
 def restarted(newest: Order, mono: float, **how: Any) -> Leader:
-    """A leader that starts where a robot relays this order, and has heard it at `mono`."""
+    """A new leader that receives this relayed order at `mono`."""
     leader = Leader(MISSION, publisher_id="another", **how)
     leader.step(at(mono - 0.05), [])
     leader.step(at(mono), [arriving(relayed("bob", newest), mono)])
     return leader
 
 
-def test_leader_without_contact_is_silent_for_a_second() -> None:
+def test_leader_listens_for_a_second_before_its_first_position() -> None:
     leader = Leader(MISSION)
     result = [out for k in range(100) for out in leader.step(at(k / 100), [])]
     assert {out.key for out in result} == {"ann/status"}
@@ -58,7 +58,7 @@ def test_leader_without_contact_is_silent_for_a_second() -> None:
     assert (first.pose.position, first.order.beat, first.order.mode) == (2.0 - 1.0j, 1, "run")
 
 
-def test_leader_starts_after_hearing_every_linked_robot() -> None:
+def test_leader_starts_after_receiving_every_linked_robot() -> None:
     leader = Leader(MISSION)
     assert leader.subscriptions == ("bob/position",)
     leader.step(at(0.0), [])
@@ -82,7 +82,7 @@ def test_restarted_leader_continues_from_last_order(requested: list[str]) -> Non
     assert (result[-1].order.shape, result[-1].order.scale, result[-1].order.slots) == ("near", 1.5, None)
 
 
-def test_the_shape_goes_on_from_where_it_was() -> None:
+def test_restarted_leader_continues_shape_transition() -> None:
     def bobs_slot(leader: Leader) -> complex:
         return leader.plan.shape_transition.placed_shape.slot(MISSION, "bob")
 
@@ -101,18 +101,18 @@ def test_the_shape_goes_on_from_where_it_was() -> None:
 
 
 @pytest.mark.parametrize("requested", MODES)
-def test_leader_continues_last_order_received_after_its_start(requested: list[str]) -> None:
+def test_leader_continues_order_received_after_its_start(requested: list[str]) -> None:
     last = last_of(*requested)
     after = Leader(MISSION, publisher_id="another")
-    assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has heard nobody"
+    assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has received no order yet"
     first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order), 7.5)]))[0]
     assert abs(first.pose.position - last.pose.position) < 0.02
     assert (first.order.mode, first.order.holding) == (last.order.mode, last.order.holding)
     assert first.order.term > last.order.term
 
 
-def test_older_relayed_order_takes_no_leader_back() -> None:
-    leader = listened()
+def test_older_relayed_order_does_not_reset_leader() -> None:
+    leader = about_to_lead()
     result = drive(leader, 0.0, 2.0)[-1].order
     leader.step(at(2.04), [arriving(relayed("bob", result), 2.03)])
     old = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
@@ -121,7 +121,7 @@ def test_older_relayed_order_takes_no_leader_back() -> None:
     assert leader.route_time > 2.5
 
 
-def test_anew_begins_at_the_start_but_a_stop_stays() -> None:
+def test_anew_restarts_route_but_keeps_stop() -> None:
     last = last_of("stop").order
     after = restarted(last, 6.0, anew=True)
     assert (after.mode, after.route_time, after.where(6.0)) == ("stop", 0.0, 2.0 - 1.0j)
@@ -132,7 +132,7 @@ def test_anew_begins_at_the_start_but_a_stop_stays() -> None:
     ("do", "relays", "mode"),
     [("stop", "run", "stop"), ("hold", "run", "hold"), ("run", "run", "run"), ("run", "stop", "stop")],
 )
-def test_request_while_listening_overrides_any_relayed_but_a_stop(do: str, relays: Mode, mode: str) -> None:
+def test_request_while_listening_overrides_relayed_mode_except_stop(do: str, relays: Mode, mode: str) -> None:
     relaying = Order(term=TERM, beat=9, mode=relays, shape="line", time=1.0)
     leader = Leader(MISSION)
     leader.step(at(0.0), [])
@@ -150,7 +150,7 @@ def test_request_while_listening_overrides_any_relayed_but_a_stop(do: str, relay
         '{"do":"speed","speed":0.1,"degrees":0.0', '{"do":"route","legs":[{"speed":0.1,"heading_deg":0.0}]',
     ],
 )  # fmt: skip
-def test_while_it_listens_it_knows_too_little_for_anything_else(request_: str) -> None:
+def test_listening_leader_refuses_shape_and_route_requests(request_: str) -> None:
     leader, request = Leader(MISSION), f'{request_},"id":"a"}}'
     leader.step(at(0.0), [])
     assert ask(leader, request).reason == "has just started: ask again in a second"
@@ -158,8 +158,8 @@ def test_while_it_listens_it_knows_too_little_for_anything_else(request_: str) -
     assert ask(leader, request).ok
 
 
-def test_team_holds_after_an_ended_leader_without_standbys() -> None:
-    leader = listened()
+def test_team_holds_after_leader_ends_without_standbys() -> None:
+    leader = about_to_lead()
     before = drive(leader, 0.0, 1.0)[-1]
     (last,) = positions(1.1, leader.halt(at(1.1), "SIGTERM"))
     assert newer(last.order, before.order)
@@ -168,14 +168,14 @@ def test_team_holds_after_an_ended_leader_without_standbys() -> None:
         after = restarted(last.order, 3.0, hold=hold)
         assert (after.mode, after.route_time) == ("hold", last.order.time)
         assert ask(after, "run").mode == "run"
-    stopped = listened()
+    stopped = about_to_lead()
     drive(stopped, 0.0, 1.0)
     ask(stopped, "stop")
     (last,) = positions(1.0, stopped.halt(at(1.0), "SIGTERM"))
     assert last.order.mode == "stop"
 
 
-def test_a_route_of_another_mission_file_is_not_gone_on_with() -> None:
+def test_route_of_another_mission_file_is_not_continued() -> None:
     elsewhere = Order(
         term=TERM, beat=9, mode="run", shape="line", time=2.0, place=Place(x=9.0, y=9.0, heading=1.0)
     )
@@ -195,7 +195,7 @@ def test_a_route_of_another_mission_file_is_not_gone_on_with() -> None:
     ("shape", "slots"),
     [("star", None), *(("line", Slots(mix=mix)) for mix in ({"line": 0.0}, {"line": 0.5}, {"star": 1.0}))],
 )
-def test_order_without_slots_is_not_continued(shape: str, slots: Slots | None) -> None:
+def test_order_with_invalid_slots_is_not_continued(shape: str, slots: Slots | None) -> None:
     impossible = Order(term=TERM, beat=9, mode="run", shape=shape, time=5.0, slots=slots)
     leader = restarted(impossible, 5.0)
     assert (leader.leads, leader.plan.shape_transition.wish.shape, leader.route_time) == (True, "line", 0.0)
@@ -203,8 +203,8 @@ def test_order_without_slots_is_not_continued(shape: str, slots: Slots | None) -
     assert leader.dropped == {"bob/position": 1}
 
 
-def test_two_leaders_by_mistake_do_not_both_go_on() -> None:
-    first, second = listened(), listened(MISSION, 5.0, publisher_id="second")
+def test_leader_stands_by_after_receiving_a_newer_term() -> None:
+    first, second = about_to_lead(), about_to_lead(MISSION, 5.0, publisher_id="second")
     drive(first, 0.0, 5.0)
     *_, old, newer = (result.order for result in drive(second, 5.0, 1.0))
     first.step(at(5.96), [arriving(relayed("bob", old), 5.96)])
@@ -217,7 +217,7 @@ def test_two_leaders_by_mistake_do_not_both_go_on() -> None:
     assert first.candidacy.term > second.candidacy.term
 
 
-def test_release_before_leading_does_not_undo_stop() -> None:
+def test_release_given_before_leading_does_not_end_stop() -> None:
     stopped = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
     leader = restarted(stopped, 5.0)
     late = ask(leader, b'{"do":"release","id":"a","age":1.5}', 6.0)
@@ -235,22 +235,22 @@ TWO = parse(
 )
 
 
-def begun(of: Mission, *told: tuple[str, Order, bool], hold: bool = True) -> Leader:
-    """A leader that has heard these robots, what they relay and whether that is stale."""
+def begun(of: Mission, *received: tuple[str, Order, bool], hold: bool = True) -> Leader:
+    """A leader that has received positions: robot, relayed order, and whether that is stale."""
     leader = Leader(of, hold=hold)
     leader.step(at(0.0), [])
-    for robot, what, stale in told:
+    for robot, what, stale in received:
         leader.step(at(0.1), [arriving(relayed(robot, what, of=of, stale=stale), 0.1)])
     if not leader.leads:
         leader.step(at(1.1), [])
     return leader
 
 
-@pytest.mark.parametrize("late", [False, True], ids=["while listening", "once it leads"])
+@pytest.mark.parametrize("late", [False, True], ids=["while listening", "while leading"])
 @pytest.mark.parametrize(
     ("stale", "hold", "mode"), [(True, True, "hold"), (True, False, "run"), (False, True, "run")]
 )
-def test_hold_waits_after_an_outage(*, late: bool, stale: bool, hold: bool, mode: str) -> None:
+def test_hold_option_waits_for_run_after_an_outage(*, late: bool, stale: bool, hold: bool, mode: str) -> None:
     leader = begun(MISSION, *(() if late else (("bob", RUNNING, stale),)), hold=hold)
     if late:
         assert leader.mode == ("hold" if hold else "run")
@@ -262,11 +262,11 @@ def test_hold_waits_after_an_outage(*, late: bool, stale: bool, hold: bool, mode
 
 @pytest.mark.parametrize("order", [("bob", "eve"), ("eve", "bob")])
 @pytest.mark.parametrize(("beat", "mode"), [(90, "hold"), (40, "run")])
-def test_one_robot_that_knows_of_an_outage_is_enough(order: tuple[str, str], beat: int, mode: str) -> None:
-    """Unless it relays an earlier beat than the others: it was cut off before."""
+def test_stale_newest_order_makes_leader_hold(order: tuple[str, str], beat: int, mode: str) -> None:
+    """Not a stale order with an earlier beat than the others: its robot was cut off before."""
     stale = RUNNING.model_copy(update={"beat": beat})
-    told = {"bob": ("bob", stale, True), "eve": ("eve", RUNNING, False)}
-    assert begun(TWO, *(told[name] for name in order)).mode == mode
+    received = {"bob": ("bob", stale, True), "eve": ("eve", RUNNING, False)}
+    assert begun(TWO, *(received[name] for name in order)).mode == mode
 
 
 def test_stop_and_hold_survive_an_outage() -> None:
@@ -276,19 +276,19 @@ def test_stop_and_hold_survive_an_outage() -> None:
     assert ask(leader, "release").mode == "hold"
 
 
-def test_standby_started_to_hold_remembers_no_run_for_long() -> None:
-    """Its robots were switched off and on, and relay nothing; it has been on all the while."""
-    stood = parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]"))
+def test_standby_with_hold_forgets_run_after_term_expiry() -> None:
+    """The robots were restarted and relay no order; the standby was not restarted."""
+    mission = parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]"))
     for wait, under_way in ((0.5 * TERM_EXPIRY_TIME, True), (2.0 * TERM_EXPIRY_TIME, False)):
-        standby = Leader(stood, "cat", hold=True)
+        standby = Leader(mission, "cat", hold=True)
         for k in range(2):
             what = RUNNING.model_copy(update={"beat": 90 + k})
-            standby.step(at(0.1 * k), [arriving(relayed("bob", what, of=stood), 0.1 * k)])
+            standby.step(at(0.1 * k), [arriving(relayed("bob", what, of=mission), 0.1 * k)])
         assert standby._under_way(at(0.1 + wait)) is under_way
 
 
 @pytest.mark.parametrize(("seconds", "mode"), [(2.0, "run"), (TERM_EXPIRY_TIME + 1.0, "hold")])
-def test_real_team_sets_off_again_only_after_run(seconds: float, mode: str) -> None:
+def test_team_waits_for_run_only_after_a_long_outage(seconds: float, mode: str) -> None:
     fleet = Fleet(PAIR, seed=1)
     fleet.run(4.0)
     fleet.kill("leader")

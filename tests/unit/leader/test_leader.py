@@ -10,11 +10,11 @@ from formation.protocol.reasons import Code
 from formation.ros2.messages import Diagnostics, Status, decode
 from formation.wire import Now
 from tests.support.fleet import EPOCH, at
-from tests.unit.leader.leading import MISSION, ask, drive, leading, listened, positions
+from tests.unit.leader.leading import MISSION, about_to_lead, ask, drive, leading, positions
 
 
 def test_leader_follows_route_with_irregular_steps() -> None:
-    leader, route, chance = listened(start=500.0), Route.of(MISSION), random.Random(3)
+    leader, route, chance = about_to_lead(start=500.0), Route.of(MISSION), random.Random(3)
     mono, result = 500.0, []
     while mono < 520.0:
         result += positions(mono, leader.step(at(mono), []))
@@ -26,8 +26,8 @@ def test_leader_follows_route_with_irregular_steps() -> None:
         assert pose.heading == pytest.approx(route.heading(mono - 500.0), abs=1e-9)
 
 
-def test_leader_resumes_route_where_team_lost_it() -> None:
-    leader, route = listened(), Route.of(MISSION)
+def test_route_pauses_at_leader_timeout_while_leader_is_silent() -> None:
+    leader, route = about_to_lead(), Route.of(MISSION)
     drive(leader, 0.0, 2.0)
     (back,) = positions(60.0, leader.step(at(60.0), []))
     lost = leader.route_time
@@ -38,15 +38,15 @@ def test_leader_resumes_route_where_team_lost_it() -> None:
 
 
 def test_position_and_status_have_their_publication_rates() -> None:
-    leader = listened(start=7.0)
+    leader = about_to_lead(start=7.0)
     outbox = [out for i in range(10_000) for out in leader.step(Now(7.0 + i * 1e-3, EPOCH + i * 1e-3), [])]
     keys = [out.key for out in outbox]
     assert (keys.count("ann/position"), keys.count("ann/status")) == (250, 20)
     assert set(keys) == {key for _, key in leader.publications}
 
 
-def test_its_beat_rises_with_every_position_in_every_mode() -> None:
-    leader, result = listened(start=100.0), []
+def test_beat_rises_with_every_position_in_every_mode() -> None:
+    leader, result = about_to_lead(start=100.0), []
     for number, request in enumerate(["run", "hold", "stop", "release"]):
         ask(leader, request)
         result += drive(leader, 100.0 + number, 1.0)
@@ -57,7 +57,7 @@ def test_its_beat_rises_with_every_position_in_every_mode() -> None:
 
 
 def test_hold_pauses_route_time_until_run() -> None:
-    leader, route = listened(), Route.of(MISSION)
+    leader, route = about_to_lead(), Route.of(MISSION)
     drive(leader, 0.0, 2.0)
     ask(leader, "hold")
     held = drive(leader, 2.0, 5.0)
@@ -71,8 +71,8 @@ def test_hold_pauses_route_time_until_run() -> None:
         assert one.pose.position == pytest.approx(route.position(one.mono - 5.0), abs=1e-9)
 
 
-def test_a_stop_is_latched_until_it_is_released() -> None:
-    leader = listened()
+def test_stop_is_latched_until_release() -> None:
+    leader = about_to_lead()
     drive(leader, 0.0, 1.0)
     assert ask(leader, "stop") == OperatorReply(robot="ann", ok=True, mode="stop", leads=True)
     refused = ask(leader, "run")
@@ -88,7 +88,7 @@ def test_a_stop_is_latched_until_it_is_released() -> None:
 
 
 def test_repeated_release_does_not_undo_other_requests() -> None:
-    leader = listened()
+    leader = about_to_lead()
     ask(leader, "stop")
     ask(leader, "hold")
     assert [ask(leader, b'{"do":"release","id":"a"}').mode for _ in range(3)] == ["hold"] * 3
@@ -99,12 +99,12 @@ def test_repeated_release_does_not_undo_other_requests() -> None:
 
 
 @pytest.mark.parametrize(("rest", "go", "mode"), [("stop", "release", "hold"), ("hold", "run", "run")])
-def test_a_release_or_run_older_than_the_rest_is_refused(rest: str, go: str, mode: str) -> None:
-    leader = listened()
+def test_outdated_release_or_run_is_refused(rest: str, go: str, mode: str) -> None:
+    leader = about_to_lead()
     drive(leader, 0.0, 10.0)
     ask(leader, rest, 10.0)
     drive(leader, 10.0, 5.0)
-    late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}', 15.0)  # put before the rest
+    late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}', 15.0)  # given before the stop or hold
     assert (late.ok, late.mode) == (False, rest)
     assert ask(leader, f'{{"do":"{go}","id":"b","age":4.9}}', 15.0).mode == mode
 
@@ -119,8 +119,8 @@ def test_changed_mode_or_shape_is_sent_with_the_next_step() -> None:
     assert result.order.shape == "near"
 
 
-def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader() -> None:
-    leader, route = listened(), Route.of(MISSION)
+def test_system_clock_change_moves_stamps_but_not_the_leader() -> None:
+    leader, route = about_to_lead(), Route.of(MISSION)
     drive(leader, 0.0, 1.0)
     (result,) = positions(1.0, leader.step(Now(1.0, EPOCH - 86400.0), []))
     assert result.pose.stamp == EPOCH - 86400.0
@@ -128,7 +128,7 @@ def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader() -> None:
 
 
 def test_last_requested_shape_stays_through_mode_changes() -> None:
-    leader, mono = listened(), 0.0
+    leader, mono = about_to_lead(), 0.0
     assert {one.order.shape for one in drive(leader, mono, 1.0)} == {"line"}
     reply = ask(leader, b'{"do":"shape","shape":"near"}')
     assert (reply.ok, reply.mode, reply.reason) == (True, "run", "in shape near in 3.0 s")
@@ -141,8 +141,8 @@ def test_last_requested_shape_stays_through_mode_changes() -> None:
 
 
 @pytest.mark.parametrize("mode", ["hold", "stop"])
-def test_new_shape_starts_no_standing_robot(mode: str) -> None:
-    leader = listened()
+def test_shape_request_does_not_end_hold_or_stop(mode: str) -> None:
+    leader = about_to_lead()
     drive(leader, 0.0, 1.0)
     ask(leader, mode)
     reply = ask(leader, b'{"do":"shape","shape":"near"}')
@@ -154,14 +154,14 @@ def test_new_shape_starts_no_standing_robot(mode: str) -> None:
     assert leader.plan.shape_transition.placed_shape == placed_shape
 
 
-def test_an_unknown_shape_changes_nothing_and_the_legal_ones_are_named() -> None:
+def test_unknown_shape_is_refused_with_known_names() -> None:
     leader = leading()
     reply = ask(leader, b'{"do":"shape","shape":"circle"}')
     assert (reply.ok, reply.reason) == (False, "shape 'circle': must be one of line, near")
     assert {one.order.shape for one in drive(leader, 0.0, 1.0)} == {"line"}
 
 
-def test_a_refusal_that_would_be_too_long_is_cut() -> None:
+def test_refusal_with_too_many_names_is_cut() -> None:
     many = {f"s{number}" + "x" * 60: MISSION.shapes["line"] for number in range(20)}
     reply = ask(leading(MISSION.model_copy(update={"shapes": many})), b'{"do":"shape","shape":"circle"}')
     assert not reply.ok
@@ -182,8 +182,8 @@ def test_repeated_shape_request_does_not_undo_later_one() -> None:
         b"[" * 900, b"x" * 5000,
     ],
 )  # fmt: skip
-def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(request_: bytes) -> None:
-    leader = listened()
+def test_malformed_request_is_refused_with_a_reason(request_: bytes) -> None:
+    leader = about_to_lead()
     drive(leader, 0.0, 0.2)
     reply = ask(leader, request_)
     assert (reply.robot, reply.ok, reply.mode) == ("ann", False, "run")
@@ -192,7 +192,7 @@ def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(req
 
 
 def test_status_gives_mode_and_end_of_route() -> None:
-    leader = listened()
+    leader = about_to_lead()
 
     def status(second: int) -> Status:
         (out,) = (out for out in leader.step(at(float(second)), []) if out.key == "ann/status")

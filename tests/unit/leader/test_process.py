@@ -1,4 +1,4 @@
-"""The leader on the bus: which one it is, what it answers, logs, and keeps on disk."""
+"""The leader's process: its name, its replies, its log, and the term on disk."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SIX, PATROL = load("six_robots"), load("patrol")
 
 
 class FakeProcess:
-    """A process that the test steps, and its bus."""
+    """A process and bus that run a function of the test as their loop."""
 
     def __init__(self, run: Callable[[Any, FakeProcess], None]) -> None:
         self.bus, self._run, self.clock = self, run, clocks
@@ -48,7 +48,7 @@ class FakeProcess:
         yield 0.0
 
 
-def on(leader: Leader, run: Callable[[Any, FakeProcess], None]) -> None:
+def run_leader(leader: Leader, run: Callable[[Any, FakeProcess], None]) -> None:
     list(lead(leader, cast("Process", FakeProcess(run))))
 
 
@@ -60,23 +60,23 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
         for ago in (10.0, 8.0):
             core.step(now._replace(mono=now.mono - ago), ())
         assert leader.leads
-        monkeypatch.setattr(leader.candidacy, "_later", True)  # another one has begun meanwhile
+        monkeypatch.setattr(leader.candidacy, "_later", True)  # another leader's term has begun
         reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
         assert (reply.ok, reply.leads) == (True, False), "it keeps the hold, and does not lead"
         assert "ann/position" not in {out.key for out in bus.sent}
 
-    on(leader, frozen)
+    run_leader(leader, frozen)
 
 
-def test_before_the_first_step_a_question_begins_nothing() -> None:
+def test_request_before_first_step_sends_nothing() -> None:
     def requested(_: Any, bus: FakeProcess) -> None:
         assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
         assert bus.sent == []
 
-    on(Leader(SIX), requested)
+    run_leader(Leader(SIX), requested)
 
 
-def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+def test_leader_logs_start_requests_and_mode_changes(caplog: pytest.LogCaptureFixture) -> None:
     def run(core: Any, bus: FakeProcess) -> None:
         now = clocks()
         for ago in (2.0, 1.0):
@@ -86,7 +86,7 @@ def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
         core.step(clocks(), ())
 
     with caplog.at_level(logging.INFO):
-        on(Leader(SIX), run)
+        run_leader(Leader(SIX), run)
     result = "\n".join(record.message for record in caplog.records)
     assert "from the start: run" in result
     assert "the operator asked for shape: in shape wedge in " in result
@@ -103,7 +103,7 @@ def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
         (parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]")), "", "cat"),
     ],
 )
-def test_which_candidate_a_process_is(mission: Mission, standby: str | None, name: str) -> None:
+def test_candidate_name_follows_from_standby_option(mission: Mission, standby: str | None, name: str) -> None:
     assert _name(mission, standby) == name
 
 
@@ -116,12 +116,12 @@ def test_which_candidate_a_process_is(mission: Mission, standby: str | None, nam
         (PATROL, "leader", "must be one of deputy, reserve"),
     ],
 )
-def test_unknown_standby_is_refused_with_known_ones(mission: Mission, standby: str, why: str) -> None:
+def test_invalid_standby_is_refused_with_known_names(mission: Mission, standby: str, why: str) -> None:
     with pytest.raises(BadInput, match=why):
         _name(mission, standby)
 
 
-def test_newest_term_is_kept(tmp_path: Path) -> None:
+def test_newest_term_is_stored_and_read_again(tmp_path: Path) -> None:
     terms = Terms(tmp_path / "state", "ann")
     assert terms.read() == 0
     terms.save(17, 1.0)
@@ -130,12 +130,12 @@ def test_newest_term_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"-1", b"9" * 5000, b"9223372036854775808", b"\xff\x00"])
-def test_unreadable_term_counts_as_none(tmp_path: Path, content: bytes) -> None:
+def test_unreadable_term_is_read_as_zero(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "ann.term").write_bytes(content)
     assert Terms(tmp_path, "ann").read() == 0
 
 
-def test_folder_that_cannot_be_written_holds_up_nothing(tmp_path: Path) -> None:
+def test_failed_term_write_raises_nothing(tmp_path: Path) -> None:
     terms = Terms(tmp_path, "ann")
     (tmp_path / "ann.new").mkdir()
     terms.save(17, 1.0)
@@ -143,7 +143,7 @@ def test_folder_that_cannot_be_written_holds_up_nothing(tmp_path: Path) -> None:
     assert terms.read() == 0
 
 
-def test_slow_clock_draws_above_the_kept_term() -> None:
+def test_term_exceeds_stored_term_with_slow_clock() -> None:
     kept = int((1.7e9 + 3600.0) * 1e9)
     leader = Leader(parse(CURVED), known=kept)
     leader.step(at(0.0), [])
@@ -152,7 +152,7 @@ def test_slow_clock_draws_above_the_kept_term() -> None:
     assert leader.term > kept
 
 
-def test_leader_draws_a_new_term_once_its_clock_is_set_back() -> None:
+def test_leader_takes_lower_term_after_its_clock_is_set_back() -> None:
     leader = Leader(parse(CURVED))
     for mono in (0.0, 1.0):
         leader.step(at(mono)._replace(wall=at(mono).wall + 90_000.0), [])

@@ -1,4 +1,4 @@
-"""What operators ask of a leader: gains, and what statuses repeat of every request."""
+"""Operator requests to a leader: gains, and the requests that its status repeats."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def tune(leader: Leader, **gains: object) -> tuple[bool, str]:
     return reply.ok, reply.reason
 
 
-def going_on(mission: Mission, tuned: Tuned | None) -> Leader:
-    """A leader that begins to lead where robots relay this."""
+def new_leader(mission: Mission, tuned: Tuned | None) -> Leader:
+    """A new leader whose robots relay an order with these gains."""
     before = Order(term=1, beat=9, mode="run", shape=mission.first_shape, tuned=tuned)
     leader = Leader(mission)
     leader.step(at(0.0), [])
@@ -56,7 +56,7 @@ def test_gains_are_sent_immediately_and_in_every_order() -> None:
     assert (result.k_p, result.k_i) == (3.0, 0.5)
 
 
-def test_delay_margin_leaves_out_an_integral_that_the_law_lacks() -> None:
+def test_delay_margin_ignores_k_i_under_proportional_law() -> None:
     (_, with_integral), (_, without) = (
         tune(leading(SIX.under(law)), k_p=3.0, k_i=2.9) for law in ("paper", "proportional")
     )
@@ -64,16 +64,16 @@ def test_delay_margin_leaves_out_an_integral_that_the_law_lacks() -> None:
     assert without.partition("; ")[2] == proportional.partition("; ")[2] != with_integral.partition("; ")[2]
 
 
-def test_one_gain_leaves_the_other_as_it_was_ordered_last() -> None:
+def test_tuning_one_gain_keeps_the_other() -> None:
     leader = leading(SIX)
     assert tune(leader, k_p=3.0)[0]
     assert tune(leader, k_i=0.5)[0]
     assert drive(leader, 0.05, 0.2)[-1].order.tuned == TUNED
     assert tune(leader, k_p=SIX.gains.k_p, k_i=0.0)[0]
-    assert drive(leader, 0.3, 0.2)[-1].order.tuned is None  # the mission's again
+    assert drive(leader, 0.3, 0.2)[-1].order.tuned is None  # the mission's gains again
 
 
-def test_what_is_refused_changes_nothing() -> None:
+def test_unstable_gain_is_refused_and_not_ordered() -> None:
     leader = leading(scenarios.ring(12, k_i=0.1, kind="paper"))
     ok, reason = tune(leader, k_i=30.0)
     assert not ok
@@ -106,7 +106,7 @@ TEN: list[dict[str, Any]] = [
 
 
 def requested(outbox: list[Outgoing]) -> list[list[dict[str, Any]]]:
-    """What each status says that an operator asked for."""
+    """The operator requests in each status."""
     payloads = [one.payload for one in outbox if one.key == STATUS.key("robot1")]
     statuses = [decode(Diagnostics, payload).statuses[0] for payload in payloads]
     return [json.loads(one.values.get("requests", "[]")) for one in statuses]
@@ -117,14 +117,14 @@ def requested(outbox: list[Outgoing]) -> list[list[dict[str, Any]]]:
     [(TUNED, TUNED), (None, None), (Tuned(k_p=60.0, k_i=1.0), None), (Tuned(k_p=2.0, k_i=50.0), None)],
 )
 def test_new_leader_orders_the_relayed_gains_if_stable(tuned: Tuned | None, adopted: Tuned | None) -> None:
-    assert drive(going_on(SIX.under("paper"), tuned), 2.0, 0.2)[-1].order.tuned == adopted
+    assert drive(new_leader(SIX.under("paper"), tuned), 2.0, 0.2)[-1].order.tuned == adopted
 
 
 def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
     return requested(leader.step(at(mono), []))
 
 
-def test_each_request_and_reply_are_published_several_times() -> None:
+def test_status_repeats_each_request_and_reply_for_limited_time() -> None:
     leader, mono = leading(SIX, 10.0), 11.0
     for number, what in enumerate(TEN):
         request = named(OperatorRequest(id=f"{number}", **what), partial(leader.request, received=mono))
@@ -138,7 +138,7 @@ def test_each_request_and_reply_are_published_several_times() -> None:
     assert later[-1] == []
 
 
-def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
+def test_status_contains_a_repeated_refused_request_once() -> None:
     leader = leading(SIX, 10.0)
     small = order.encode(OperatorRequest(do="scale", factor=0.01, id="a"))
     for _ in range(3):
@@ -148,7 +148,7 @@ def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
     assert "would touch" in result["reason"]
 
 
-def test_a_refusal_comes_whole_however_long_the_names_are() -> None:
+def test_refusal_with_long_robot_names_is_complete() -> None:
     text = SIX.model_dump_json()
     for name, long in (("robot3", "a" * 64), ("robot4", "b" * 64)):
         text = text.replace(f'"{name}"', f'"{long}"')
@@ -168,7 +168,7 @@ def test_repeated_request_reports_current_leadership() -> None:
 
 
 @pytest.mark.slow
-def test_many_long_routes_keep_status_short_enough() -> None:
+def test_status_drops_oldest_requests_with_long_routes() -> None:
     anywhere = (-1e5, 1e5)
     leader = leading(SIX.model_copy(update={"bounds": Bounds(x=anywhere, y=anywhere)}))
     legs = [{"waypoints": [[9e4 - k, 9e4]], "speed": 1.0} for k in range(300)]

@@ -1,4 +1,4 @@
-"""Routes that an operator orders, and how others learn of them."""
+"""Routes that an operator requests, and their messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from formation.ros2.messages import MAX_PAYLOAD_BYTES as MAX_MESSAGE
 from formation.ros2.messages import Text
 from formation.ros2.messages import encode as encode_message
 from formation.wire import BadMessage
-from tests.unit.leader.leading import CURVED, ask, drive, leading, listened
+from tests.unit.leader.leading import CURVED, about_to_lead, ask, drive, leading
 
 HEADING = cmath.rect(1.0, 0.7)
 numbers = st.floats(-1e4, 1e4)
@@ -52,7 +52,7 @@ legs = st.lists(
 
 
 @given(legs, numbers, numbers, st.floats(-math.pi, math.pi), st.floats(0.0, 300.0))
-def test_a_received_route_leads_along_the_same_places(
+def test_decoded_route_equals_the_encoded_one(
     legs: list[Leg], x: float, y: float, heading: float, time: float
 ) -> None:
     route = NamedRoute.ordered(legs, complex(x, y), cmath.rect(1.0, heading))
@@ -64,7 +64,7 @@ def test_a_received_route_leads_along_the_same_places(
     assert reported.heading(time) == route.heading(time)
 
 
-def test_the_longest_route_that_can_be_asked_for_can_be_told() -> None:
+def test_longest_route_request_fits_into_a_message() -> None:
     legs: list[Leg] = [Waypoints(waypoints=((1e5, 1e5),), speed=1.0) for _ in range(500)]
     requested = json.dumps(
         {"do": "route", "legs": [{"waypoints": [[1e5, 1e5]], "speed": 1} for _ in range(300)]}
@@ -92,7 +92,7 @@ def test_invalid_or_misnamed_route_is_refused(result: str) -> None:
 
 
 def test_speed_request_starts_an_endless_straight() -> None:
-    leader = listened()
+    leader = about_to_lead()
     before = drive(leader, 0.0, 5.0)[-1]
     reply = ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}')
     assert reply.ok
@@ -106,8 +106,8 @@ def test_speed_request_starts_an_endless_straight() -> None:
     assert before.order.route == ""
 
 
-def test_newest_route_counts_and_starts_from_leader() -> None:
-    leader = listened()
+def test_newest_requested_route_is_driven() -> None:
+    leader = about_to_lead()
     drive(leader, 0.0, 2.0)
     for x in (7.0, 3.0):
         legs = [{"waypoints": [[x, 0.0]], "speed": 0.8}]
@@ -131,7 +131,7 @@ def test_impossible_route_is_refused_with_legal_values() -> None:
     assert drive(leader, 0.04, 1.0)[-1].order.route == ""
 
 
-def test_a_route_does_not_start_a_held_team() -> None:
+def test_route_request_does_not_end_hold() -> None:
     leader = leading(hold=True)
     assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}').mode == "hold"
     assert {one.pose.position for one in drive(leader, 0.04, 2.0)} == {2.0 - 1.0j}
@@ -171,7 +171,7 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
 
 
 @given(st.floats(0.0, 14.0), st.floats(0.0, 1.0), st.floats(0.1, 1.0))
-def test_motion_in_an_order_tells_the_next_second(time: float, age: float, pace: float) -> None:
+def test_order_motion_predicts_the_next_second(time: float, age: float, pace: float) -> None:
     route = NamedRoute.of(parse(CURVED))
     motion, later = route.motion(time, pace), time + pace * age
     changes = [one for one in route.begins if time < one <= later]
@@ -182,9 +182,11 @@ def test_motion_in_an_order_tells_the_next_second(time: float, age: float, pace:
     assert way == pytest.approx(route.position(later) - route.position(time), abs=1e-4)
 
 
-@pytest.mark.parametrize(("leader_orders", "told"), [("signed", False), ("velocity", True), ("none", False)])
-def test_only_orders_that_are_used_have_a_motion(leader_orders: str, told: bool) -> None:
+@pytest.mark.parametrize(
+    ("leader_orders", "motion"), [("signed", False), ("velocity", True), ("none", False)]
+)
+def test_order_has_motion_only_if_leader_orders_is_velocity(leader_orders: str, motion: bool) -> None:
     mission = parse(CURVED + f'[law]\nleader_orders = "{leader_orders}"\n')
     order = leading(mission).plan.order(1, 1, "run")
-    assert (order.motion is not None) is told
+    assert (order.motion is not None) is motion
     assert leading(mission).plan.order(1, 2, "hold").motion is None

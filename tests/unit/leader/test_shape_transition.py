@@ -1,4 +1,4 @@
-"""Shapes on their way: within what followers can do, continuous, and in the end where they were wanted."""
+"""Shape transitions: within the speed limits of followers, continuous, and exact at the end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from formation.simulation.edges import Edges, formation_error
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import SLOT_SPEED_SHARE
 from tests.support.fleet import Fleet
-from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.sudden import largest_command_change
 from tests.unit.leader.leading import ask
 
 SIX = load("six_robots")
@@ -75,7 +75,7 @@ def still(moving: ShapeTransition, seconds: float, speed: float = 0.0) -> list[P
 
 
 def velocities(placed_shapes: list[PlacedShape]) -> ComplexArray:
-    """Of all slots, from one to the next, beginning at rest in the first shape."""
+    """Velocities of all slots between successive placed shapes, from rest in the first shape."""
     places = [slots(FOUR, one) for one in (PlacedShape.first(FOUR), *placed_shapes)]
     return np.diff(places, axis=0) / PERIOD
 
@@ -110,7 +110,7 @@ def test_shape_transition_ends_exactly_at_last_request(wished: list[tuple[Wish, 
     for wish, steps in wished:
         lasts = want(moving, wish, speed)
         still(moving, steps * PERIOD, speed)
-    # a way that was turned off may need a little longer than was said
+    # an interrupted transition may take a little longer than `remaining`
     still(moving, 2.0 * lasts, speed)
     assert moving.arrived
     assert slots(FOUR, moving.placed_shape) == pytest.approx(
@@ -118,7 +118,7 @@ def test_shape_transition_ends_exactly_at_last_request(wished: list[tuple[Wish, 
     )
 
 
-def test_it_starts_and_ends_gently() -> None:
+def test_shape_transition_starts_and_ends_slowly() -> None:
     moving = ShapeTransition.first(FOUR)
     velocity = velocities(still(moving, want(moving, Wish("line"), 0.2) + 0.5, 0.2))
     assert np.all(np.abs(velocity[0]) < 0.05)
@@ -143,7 +143,7 @@ def test_fast_leader_slows_shape_transition_without_stopping_it() -> None:
     assert fast.arrived
 
 
-def test_a_leader_that_speeds_up_meanwhile_slows_the_change() -> None:
+def test_leader_speeding_up_slows_shape_transition() -> None:
     moving = ShapeTransition.first(FOUR)
     lasts = want(moving, Wish("line"), 0.2)
     still(moving, 1.5, 0.2)
@@ -153,7 +153,7 @@ def test_a_leader_that_speeds_up_meanwhile_slows_the_change() -> None:
     assert moving.arrived
 
 
-def test_half_turns_go_the_shorter_way_round() -> None:
+def test_rotation_takes_the_shorter_way() -> None:
     moving = ShapeTransition.first(FOUR)
     want(moving, Wish("hexagon", math.radians(170.0)))
     still(moving, 60.0)
@@ -163,7 +163,7 @@ def test_half_turns_go_the_shorter_way_round() -> None:
     assert turned[-1] == pytest.approx(190.0)
 
 
-def test_while_it_rests_nothing_moves_and_it_begins_again_gently() -> None:
+def test_shape_transition_restarts_slowly_after_rest() -> None:
     moving = ShapeTransition.first(FOUR)
     want(moving, Wish("line"))
     still(moving, 2.0)
@@ -173,7 +173,7 @@ def test_while_it_rests_nothing_moves_and_it_begins_again_gently() -> None:
     assert np.all(np.abs(slots(FOUR, placed_shape) - before) < 0.05 * PERIOD)
 
 
-def test_at_most_eight_shapes_are_ever_mixed() -> None:
+def test_at_most_eight_shapes_are_mixed() -> None:
     shapes = {
         f"shape{k}": {name: (-1.0 * j, 0.3 * k) for j, name in enumerate(SIX.followers, 1)} for k in range(12)
     }
@@ -207,7 +207,7 @@ def test_turning_shape_follows_leader_through_corner_and_circle() -> None:
     lags = follow(0.0)
     assert lags[0] > 1.5
     assert all(after <= before + 1e-9 for before, after in pairwise(lags))
-    assert min(lags) > -0.01  # it does not swing over
+    assert min(lags) > -0.01  # it does not overshoot
     assert abs(lags[-1]) < 1e-3
     assert follow(0.1)[-1] == pytest.approx(0.0, abs=1e-3)
     want(moving, Wish("hexagon", math.pi / 2.0), 0.2)
@@ -223,7 +223,7 @@ NEAR = 0.02
 
 
 class Watched:
-    """A fleet, and the worst that was seen of it."""
+    """A fleet with its smallest distance between robots and its largest formation error."""
 
     def __init__(self, mission: Mission) -> None:
         self.fleet = Fleet(mission, seed=2)
@@ -240,7 +240,7 @@ class Watched:
                 self.near = fleet.now - began
 
     def lag(self) -> float:
-        """Formation error against where the shape is by now [m]."""
+        """Formation error against the present slots [m]."""
         slots = np.array(self.fleet.leader.plan.shape_transition.placed_shape.slots(self.fleet.mission))
         return float(formation_error(Edges(self.fleet.mission.graph), np.array(self.fleet.points()), slots))
 
@@ -250,7 +250,7 @@ class Watched:
 
 
 @pytest.mark.slow
-def test_larger_turned_and_changed_over_while_it_changes() -> None:
+def test_formation_follows_overlapping_shape_requests() -> None:
     watched = Watched(THREE)
     watched.run(15.0)
     since = watched.fleet.now
@@ -266,11 +266,11 @@ def test_larger_turned_and_changed_over_while_it_changes() -> None:
     watched.run(12.0)
     assert watched.near < 9.0
     assert watched.fleet.within_limits
-    assert most_sudden(watched.fleet, since, rests=True) < 0.5
+    assert largest_command_change(watched.fleet, since, rests=True) < 0.5
 
 
 @pytest.mark.slow
-def test_a_shape_that_turns_goes_round_a_corner_behind_its_leader() -> None:
+def test_turning_formation_follows_leader_around_a_corner() -> None:
     corner = Waypoints(waypoints=((4.0, 0.0), (4.0, 20.0)), speed=0.2)
     watched = Watched(THREE.model_copy(update={"turning": True, "route": (corner,)}))
     watched.run(17.0)

@@ -1,4 +1,4 @@
-"""Candidates: who stands by says so, and goes on from what the robots relay when it is elected."""
+"""Standbys: their replies, and how they continue the relayed order when elected."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
 from formation.wire import Outgoing
 from tests.support.fleet import at
-from tests.unit.leader.leading import CURVED, Said, arriving, ask, positions, relayed, status
+from tests.unit.leader.leading import CURVED, SentPosition, arriving, ask, positions, relayed, status
 
 TERM = int(1.6e9 * 1e9)
 
 
 @pytest.fixture
-def stood() -> Mission:
-    """With two standbys: one follower's vote is a majority."""
+def mission() -> Mission:
+    """A mission with two standbys, in which one follower's vote is a majority."""
     return parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[standbys.dan]\n[shapes.line]"))
 
 
 def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[float, list[Outgoing]]:
-    """Let bob vote for this candidate, and relay this order; when it led, and what it said then."""
+    """Let bob vote for this candidate and relay this order; return when it led, and its outbox then."""
     received = Ballot(term=1, number=1, candidacy="candidate", mission=leader.mission.tag)
     for _ in range(300):
         reported = relayed(
@@ -40,15 +40,15 @@ def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[f
             if out.key == BALLOT.key(leader.name):
                 received = order.decode(Ballot, decode(Text, out.payload).text.encode())
         mono += 0.02
-    raise AssertionError("nobody was elected")
+    raise AssertionError("no candidate was elected")
 
 
-def test_every_candidate_takes_what_changes_motion_and_only_the_leader_more(stood: Mission) -> None:
-    standby = Leader(stood, "cat")
+def test_standby_accepts_mode_requests_but_no_shape_request(mission: Mission) -> None:
+    standby = Leader(mission, "cat")
     newest = Order(term=TERM, beat=9, mode="run", shape="line")  # of rank 0: ann's
     assert newest.term % 64 == 0
     standby.step(at(0.0), [])
-    standby.step(at(0.1), [arriving(relayed("bob", newest, voted_term=TERM, last_ballot=1, of=stood), 0.1)])
+    standby.step(at(0.1), [arriving(relayed("bob", newest, voted_term=TERM, last_ballot=1, of=mission), 0.1)])
     reply = ask(standby, b'{"do":"shape","shape":"near"}')
     assert (reply.ok, reply.leads, reply.reason) == (False, False, "stands by; ann leads")
     for do, mode in (("run", "run"), ("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", "run")):
@@ -56,8 +56,8 @@ def test_every_candidate_takes_what_changes_motion_and_only_the_leader_more(stoo
         assert (reply.robot, reply.ok, reply.leads, reply.mode) == ("cat", True, False, mode)
 
 
-def test_a_candidate_that_has_just_started_takes_stop_and_hold_only(stood: Mission) -> None:
-    leader = Leader(stood)
+def test_listening_candidate_accepts_only_stop_and_hold(mission: Mission) -> None:
+    leader = Leader(mission)
     leader.step(at(0.0), [])
     assert ask(leader, "run").reason == "has just started: ask again in a second"
     assert ask(leader, "hold").ok
@@ -65,23 +65,23 @@ def test_a_candidate_that_has_just_started_takes_stop_and_hold_only(stood: Missi
 
 
 @pytest.mark.parametrize(("mine", "others"), [("hold", "run"), ("run", "hold")])
-def test_leader_that_lost_its_lease_keeps_any_hold(
-    stood: Mission, mine: str, others: Literal["hold", "run"]
+def test_leader_elected_again_keeps_own_and_relayed_hold(
+    mission: Mission, mine: str, others: Literal["hold", "run"]
 ) -> None:
-    leader = Leader(stood)
+    leader = Leader(mission)
     mono, _ = elected(leader, 0.0)
     assert ask(leader, mine).ok
     for k in range(1, 60):
         leader.step(at(mono + k / 50), [])
     assert not leader.leads
-    said = Order(term=leader.term + 1, beat=9, mode=others, shape="line", base_mode=others, time=1.0)
-    elected(leader, mono + 5.0, said)
+    newest = Order(term=leader.term + 1, beat=9, mode=others, shape="line", base_mode=others, time=1.0)
+    elected(leader, mono + 5.0, newest)
     assert leader.mode == "hold"
     assert ask(leader, "run").mode == "run"
 
 
-def test_a_standby_that_was_stopped_leads_a_team_that_is_stopped(stood: Mission) -> None:
-    standby = Leader(stood, "cat")
+def test_stopped_standby_orders_stop_once_it_leads(mission: Mission) -> None:
+    standby = Leader(mission, "cat")
     standby.step(at(0.0), [])
     ask(standby, "stop")
     newest = Order(term=TERM, beat=9, mode="run", shape="line", time=3.0)
@@ -93,8 +93,8 @@ def test_a_standby_that_was_stopped_leads_a_team_that_is_stopped(stood: Mission)
     assert ask(standby, "run").mode == "run"
 
 
-def test_leading_standby_has_its_own_publisher_id(stood: Mission) -> None:
-    standby = Leader(stood, "cat", publisher_id="cats")
+def test_leading_standby_has_its_own_publisher_id(mission: Mission) -> None:
+    standby = Leader(mission, "cat", publisher_id="cats")
     assert set(standby.subscriptions) == {
         "bob/position", "ann/ballot", "dan/ballot", "ann/route", "dan/route"
     }  # fmt: skip
@@ -107,19 +107,19 @@ def test_leading_standby_has_its_own_publisher_id(stood: Mission) -> None:
     assert (result.publisher_id, result.order.time, result.order.mode) == ("cats", 3.0, "hold")
     assert result.order.term % 64 == 1
     assert status("cat", outbox).leads
-    # without votes its lease ends, and it speaks no more
-    said_at = [k / 50 for k in range(1, 100) if positions(0.0, standby.step(at(mono + k / 50), []))]
+    # without votes its lease ends, and it sends no positions
+    sent_at = [k / 50 for k in range(1, 100) if positions(0.0, standby.step(at(mono + k / 50), []))]
     assert not standby.leads
-    assert 0.3 < max(said_at) < 0.5 * stood.takeover
+    assert 0.3 < max(sent_at) < 0.5 * mission.takeover
     mono, outbox = elected(standby, mono + 5.0, newest)
     (again,) = positions(mono, outbox)
     assert again.publisher_id not in {"", "cats"}
     assert again.order.beat == 1
 
 
-def sent_north(stood: Mission) -> tuple[Said, Outgoing]:
-    """What a leader says last that was told to drive north: where it is, and its route."""
-    leader = Leader(stood)
+def sent_north(mission: Mission) -> tuple[SentPosition, Outgoing]:
+    """Last position and route message of a leader with a requested route to the north."""
+    leader = Leader(mission)
     mono, _ = elected(leader, 0.0)
     assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}').ok
     outbox = leader.step(at(mono + 0.01), [])
@@ -128,9 +128,9 @@ def sent_north(stood: Mission) -> tuple[Said, Outgoing]:
     return last, reported
 
 
-def test_a_standby_goes_on_along_the_route_that_it_received(stood: Mission) -> None:
-    last, reported = sent_north(stood)
-    standby = Leader(stood, "cat")
+def test_standby_continues_received_route_after_takeover(mission: Mission) -> None:
+    last, reported = sent_north(mission)
+    standby = Leader(mission, "cat")
     standby.step(at(0.0), [])
     standby.step(at(0.1), [arriving(reported, 0.1)])
     began, _ = elected(standby, 0.12, last.order)
@@ -139,9 +139,9 @@ def test_a_standby_goes_on_along_the_route_that_it_received(stood: Mission) -> N
     assert standby.plan.route.id == last.order.route != ""
 
 
-def test_standby_without_route_holds_until_it_arrives(stood: Mission) -> None:
-    last, reported = sent_north(stood)
-    standby = Leader(stood, "cat")
+def test_elected_standby_without_route_holds_until_route_arrives(mission: Mission) -> None:
+    last, reported = sent_north(mission)
+    standby = Leader(mission, "cat")
     began, outbox = elected(standby, 0.0, last.order)
     (result,) = positions(began, outbox)
     assert result.order.mode == "hold"
@@ -152,21 +152,21 @@ def test_standby_without_route_holds_until_it_arrives(stood: Mission) -> None:
     assert standby.where(began + 0.01) == pytest.approx(last.pose.position, abs=1e-3)
 
 
-def test_invalid_ballots_routes_and_positions_are_only_counted(stood: Mission) -> None:
-    leader = Leader(stood)
+def test_invalid_ballots_routes_and_positions_are_only_counted(mission: Mission) -> None:
+    leader = Leader(mission)
     leader.step(at(0.0), [])
     for key in ("cat/ballot", "cat/route", "bob/position", "eve/position"):
         leader.step(at(0.1), [arriving(Outgoing(key, b"\x00\x01\x00\x00junk", b"junk"), 0.1)])
     assert leader.dropped == {"cat/ballot": 1, "cat/route": 1, "bob/position": 1, "eve/position": 1}
 
 
-def test_only_listed_processes_are_candidates(stood: Mission) -> None:
+def test_only_listed_processes_are_candidates(mission: Mission) -> None:
     with pytest.raises(ValueError, match="ann, cat, dan"):
-        Leader(stood, "bob")
+        Leader(mission, "bob")
 
 
 def led(mission: Mission, *, readonly: bool = False, shadow: bool = False) -> list[bool]:
-    """Whether ann leads, for 5 s in which bob's agent echoes its ballots, or a readonly one does so too."""
+    """Whether ann leads in each step of 5 s; bob's agent votes for it; `shadow` adds a readonly agent."""
     leader, leads = Leader(mission), []
     received = Ballot(term=1, number=1, candidacy="candidate", mission=mission.tag)
     for k in range(250):
@@ -181,9 +181,9 @@ def led(mission: Mission, *, readonly: bool = False, shadow: bool = False) -> li
     return leads
 
 
-def test_readonly_agents_do_not_end_their_robots_votes(stood: Mission) -> None:
-    assert led(stood, shadow=True)[-100:] == [True] * 100
+def test_readonly_agent_does_not_cancel_its_robots_vote(mission: Mission) -> None:
+    assert led(mission, shadow=True)[-100:] == [True] * 100
 
 
-def test_readonly_agents_alone_elect_no_leader(stood: Mission) -> None:
-    assert not any(led(stood, readonly=True))
+def test_readonly_agents_alone_elect_no_leader(mission: Mission) -> None:
+    assert not any(led(mission, readonly=True))

@@ -35,7 +35,7 @@ from tests.support.monitored import Fleet, command, now, odometry, status
 from tests.support.mutations import mutated
 
 
-def test_the_error_is_published_ten_times_a_second_and_diagnostics_once() -> None:
+def test_error_is_published_at_10_hz_and_diagnostics_at_1_hz() -> None:
     monitor, samples, outbox = Monitor(Fleet().mission), Fleet().positions(10.0, 20.0), list[Outgoing]()
     for tick in range(500):
         mono = 10.0 + tick / 50
@@ -46,7 +46,7 @@ def test_the_error_is_published_ten_times_a_second_and_diagnostics_once() -> Non
     assert sum(out.key == DIAGNOSTICS.key() for out in outbox) == 10
 
 
-def test_an_error_that_is_not_known_is_not_published() -> None:
+def test_unknown_error_is_not_published() -> None:
     outbox = Monitor(Fleet().mission).step(now(11.0), Fleet().positions(10.0, 11.0, without="robot4"))
     assert {out.key for out in outbox} == {DIAGNOSTICS.key(), EVENTS.key()}
     (message,) = (decode(Diagnostics, out.payload) for out in outbox if out.key == DIAGNOSTICS.key())
@@ -60,7 +60,7 @@ def test_status_and_ground_truth_are_subscribed_to_last() -> None:
     assert sum(last) == 6 + 5
 
 
-def test_subscriptions_are_spelled_out_and_no_robot_is_missing() -> None:
+def test_subscriptions_name_every_follower_without_wildcards() -> None:
     mission = load("two_chains")
     keys = Monitor(mission).subscriptions
     assert "*" not in "".join(keys)
@@ -77,7 +77,7 @@ def test_subscriptions_are_spelled_out_and_no_robot_is_missing() -> None:
         ({"measurement": "local"}, RELATIVE, {RELATIVE.key("robot4", f"robot{k}") for k in (2, 3)}),
     ],
 )
-def test_poses_and_displacements_are_read_where_robots_use_them(
+def test_poses_and_displacements_are_subscribed_only_if_used(
     keys: dict[str, str], topic: Topic, some: set[str]
 ) -> None:
     subscribed = set(Monitor(with_robots("six_robots", **keys)).subscriptions)
@@ -104,7 +104,7 @@ def test_truth_is_subscribed_only_for_simulated_robots() -> None:
         (["robot1,robot2=tcp/desk:8"], dict.fromkeys(("robot1", "robot2"), "tcp/desk:8")),
     ],
 )
-def test_endpoint_is_where_all_or_the_named_robots_are(endpoints: list[str], places: dict[str, str]) -> None:
+def test_endpoint_applies_to_all_or_the_named_robots(endpoints: list[str], places: dict[str, str]) -> None:
     assert given_stage(load("turtlebot3_pair"), endpoints) == places
 
 
@@ -123,7 +123,7 @@ def test_unknown_simulated_robot_is_refused_with_possible_names(name: str) -> No
 
 
 def traffic(fleet: Fleet, rng: random.Random, start: float, end: float) -> Iterator[Sample]:
-    """Six robots on a bad radio, and a stranger that sends invalid messages."""
+    """Messages of six robots, some of which are silent, and invalid messages."""
     gone = {name for name in fleet.mission.names if rng.random() < 0.2}
     for sample in fleet.positions(start, end):
         if sample.key.partition("/")[0] not in gone:
@@ -144,7 +144,7 @@ def test_monitor_memory_does_not_grow_over_time() -> None:
         monitor.note(Event(1000.0, 20, "", "operator", f"number {number} of those that are kept {'.' * 60}"))
 
     def watch(start: int, seconds: int) -> int:
-        """So many seconds of it; the bytes that are held afterwards."""
+        """Step the monitor for `seconds`; return the bytes that are allocated afterwards."""
         for second in range(start, start + seconds):
             samples = sorted(traffic(fleet, rng, second, second + 1.0), key=lambda sample: sample.arrived)
             for part in range(10):

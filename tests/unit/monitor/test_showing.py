@@ -17,7 +17,7 @@ from tests.support.monitored import EPOCH, Fleet, now
 
 
 class Watched:
-    """A monitor of a good fleet, and what it shows."""
+    """A monitor of a fleet without errors, and its source for the page."""
 
     def __init__(self, one: Source, recorder: Recorder | None = None) -> None:
         self.fleet = Fleet()
@@ -27,7 +27,7 @@ class Watched:
         one.wakes(self._count)
 
     def run(self, start: float, end: float) -> None:
-        """Fifty steps a second."""
+        """Step fifty times a second."""
         samples = self.fleet.positions(start, end)
         for tick in range(round((end - start) * 50)):
             mono = start + tick / 50
@@ -66,7 +66,7 @@ def test_history_and_events_are_kept_without_viewers() -> None:
     assert {event["kind"] for event in reported["events"]} >= {"joined", "settled"}
 
 
-def test_every_event_is_told_once_and_in_order() -> None:
+def test_greeting_lists_every_event_once_in_order() -> None:
     watched = Watched(source())
     watched.run(10.0, 11.0)
     watched.monitor.note(Event(1011.0, INFO, "", "operator", "stop: all have obeyed"))
@@ -77,13 +77,13 @@ def test_every_event_is_told_once_and_in_order() -> None:
 
 
 class Disk:
-    """A recorder as far as a page knows one."""
+    """A recorder with only what the page shows."""
 
     paths, bytes = (Path("a.mcap"), Path("a_2.mcap")), 4711
     failure: str | None = None
 
 
-def test_a_page_sees_how_the_recording_stands() -> None:
+def test_frame_shows_recording_size_duration_and_failure() -> None:
     disk = Disk()
     watched = Watched(source(), cast("Recorder", disk))
     watched.source.looking(1)

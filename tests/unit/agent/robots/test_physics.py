@@ -1,4 +1,4 @@
-"""Robots with mass, motors and wheels: what they do when they are told to drive, alone and in formation."""
+"""Simulated robots with mass, motors and wheels, alone and in formation."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_robot_drives_as_commanded(
 
 
 @MISSIONS
-def test_a_robot_at_rest_stays_where_it_is(mission: Mission, name: str) -> None:
+def test_robot_at_rest_does_not_move(mission: Mission, name: str) -> None:
     world = World(mission)
     before = world.states[name]
     after = drive(world, 5.0)[name]
@@ -69,7 +69,7 @@ def test_a_robot_at_rest_stays_where_it_is(mission: Mission, name: str) -> None:
 
 
 @MISSIONS
-def test_a_robot_that_is_told_to_stop_stops_upright_and_soon(mission: Mission, name: str) -> None:
+def test_robot_stops_within_a_second_and_stays_upright(mission: Mission, name: str) -> None:
     world, top = World(mission), mission.robots[name].max_speed
     drive(world, 2.0, **{name: (top, 0.0)})
     before = drive(world, 0.0, **{name: (0.0, 0.0)})[name]
@@ -98,20 +98,20 @@ def test_burger_motors_cannot_reach_both_limits_together() -> None:
         drive(World(PAIR), 2.0, robot1=reported)["robot1"].moving
         for reported in ((top, 0.0), (0.0, most_turn), (top, most_turn))
     )
-    assert one.speed == pytest.approx(0.21, rel=0.01)  # its node cuts off hundredths
+    assert one.speed == pytest.approx(0.21, rel=0.01)  # its node truncates to hundredths
     assert other.turn_rate == pytest.approx(2.63, rel=0.01)
     assert both.speed < 0.6 * top
     assert both.turn_rate < 0.6 * most_turn
 
 
-def test_the_motors_of_other_robots_reach_both_limits_at_once() -> None:
-    world, spec = World(placed(SIX, robot2=(20j, 0.0))), SIX.robots["robot2"]  # where nobody is in its way
+def test_other_motors_reach_both_limits_together() -> None:
+    world, spec = World(placed(SIX, robot2=(20j, 0.0))), SIX.robots["robot2"]  # far from other robots
     moving = drive(world, 3.0, robot2=(spec.max_speed, spec.max_turn_rate))["robot2"].moving
     assert moving.speed == pytest.approx(spec.max_speed, rel=0.02)
     assert moving.turn_rate == pytest.approx(spec.max_turn_rate, rel=0.02)
 
 
-def test_wheels_slip_at_wall_while_odometry_counts_on() -> None:
+def test_wheels_slip_at_wall_while_odometry_keeps_counting() -> None:
     mission = placed(PAIR, robot1=(0j, 0.0), robot2=(0.0 - 2j, 0.0))
     world = World(standing(mission, walls=[(0.2 - 1j, 0.2 + 1j)]))
     drive(world, 4.0, robot1=(0.1, 0.0))
@@ -124,7 +124,7 @@ def test_wheels_slip_at_wall_while_odometry_counts_on() -> None:
 
 
 @pytest.mark.parametrize("mission", [PAIR, SIX])
-def test_two_robots_that_drive_at_each_other_cannot_pass_through(mission: Mission) -> None:
+def test_robots_cannot_drive_through_each_other(mission: Mission) -> None:
     first, second = mission.followers[:2]
     world = World(placed(mission, **{first: (-0.5 + 9j, 0.0), second: (0.5 + 9j, math.pi)}))
     for _ in range(60):
@@ -134,14 +134,14 @@ def test_two_robots_that_drive_at_each_other_cannot_pass_through(mission: Missio
     assert frozenset({first, second}) in touching(world)
 
 
-def test_a_post_stands_in_the_way() -> None:
+def test_robot_cannot_drive_through_post() -> None:
     world = World(standing(placed(SIX, robot2=(9j, 0.0)), posts=[(0.6 + 9j, 0.1)]))
     for _ in range(60):
         state = drive(world, 0.1, robot2=(0.2, 0.0))["robot2"]
         assert abs(state.position - (0.6 + 9j)) > 0.19
 
 
-def test_odometry_drifts_but_little() -> None:
+def test_odometry_drift_is_small_but_not_zero() -> None:
     world = World(PAIR, seed=3)
     for turn_rate in (0.5, -0.5, 0.0) * 2:
         states = drive(world, 5.0, robot1=(0.1, turn_rate), robot2=(0.1, turn_rate))
@@ -149,7 +149,7 @@ def test_odometry_drifts_but_little() -> None:
     assert all(0.0005 < one < 0.02 * 3.0 for one in off)  # after 3 m
 
 
-def test_odometry_counts_ticks() -> None:
+def test_odometry_counts_whole_encoder_ticks() -> None:
     world, tick = World(PAIR), 2.0 * math.pi * 0.033 / 4096
     start = world.states["robot1"].counted_position
     drive(world, 1.0, robot1=(0.05, 0.0))
@@ -158,7 +158,7 @@ def test_odometry_counts_ticks() -> None:
     assert ticks == pytest.approx(round(ticks), abs=0.01)
 
 
-def test_equal_seeds_give_equal_runs_and_other_seeds_others() -> None:
+def test_runs_are_equal_only_for_equal_seeds() -> None:
     def run(seed: int) -> complex:
         world = World(PAIR, seed)
         drive(world, 1.234, robot1=(0.2, 0.7), robot2=(0.1, -1.0))
@@ -168,7 +168,7 @@ def test_equal_seeds_give_equal_runs_and_other_seeds_others() -> None:
     assert run(1) != run(2)
 
 
-def test_time_goes_by_as_asked_however_it_is_cut() -> None:
+def test_motion_does_not_depend_on_step_size() -> None:
     ends = []
     for dt in (0.0007, 0.05, 0.5):
         world = World(PAIR)
@@ -181,7 +181,7 @@ def test_time_goes_by_as_asked_however_it_is_cut() -> None:
 
 
 @MISSIONS
-def test_robot_has_weight_of_its_size_on_wheels(mission: Mission, name: str) -> None:
+def test_robot_has_its_weight_and_stands_on_wheels(mission: Mission, name: str) -> None:
     world = World(mission)
     one = world.chassis[name]
     assert world.model.body(f"{name}/base").subtreemass[0] == pytest.approx(one.weight)
@@ -199,13 +199,13 @@ def test_scanner_measures_distance_to_post_wall_and_robot() -> None:
     assert ranges[0] == pytest.approx(1.99, abs=0.001)  # ahead: the wall
     assert ranges[270] == pytest.approx(0.9, abs=0.001)  # to the right: the post
     assert ranges[90] == pytest.approx(1.0 - mission.robots["robot3"].radius, abs=0.001)  # to the left
-    assert math.isinf(ranges[180])  # behind: nothing within its range
+    assert math.isinf(ranges[180])  # behind: no object within its range
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("mission", "spread"), [(PAIR, 0.4), (SIX, 2.0)])
 @pytest.mark.parametrize("seed", [1, 3])
-def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_truth(
+def test_true_formation_error_stays_below_three_centimetres(
     mission: Mission, spread: float, seed: int
 ) -> None:
     team = InPhysics(beside_its_slots(mission, seed, spread), seed)
@@ -215,7 +215,7 @@ def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_tr
     assert not team.world.touched
 
 
-def test_convoy_finds_its_robots_by_what_stands_at_their_scanners() -> None:
+def test_convoy_runs_in_physics_world() -> None:
     fleet = RehearsedFleet("convoy", world="mujoco")
     fleet.run(6.0)
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
@@ -223,21 +223,21 @@ def test_convoy_finds_its_robots_by_what_stands_at_their_scanners() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("mission", "start"), [(SIX, 7), (PAIR, 8)])
-def test_robots_with_mass_that_would_run_into_each_other_keep_apart(mission: Mission, start: int) -> None:
+def test_collision_filter_prevents_contact_of_robots_with_mass(mission: Mission, start: int) -> None:
     avoiding = {name: one.model_copy(update={"avoid": "all"}) for name, one in mission.robots.items()}
     mission = mission.changed(robots=avoiding)
     off = mission.model_copy(update={"collisions": mission.collisions.model_copy(update={"mode": "off"})})
-    rash, careful = (InPhysics(at_random(one, 20, 1)[start], start) for one in (off, mission))
-    rash.fleet.run(5.0)
-    assert rash.world.touched
-    careful.fleet.run(15.0)
-    errors = careful.errors(10.0)
-    assert not careful.world.touched
-    assert careful.world.nearest > 0.0
+    without_filter, with_filter = (InPhysics(at_random(one, 20, 1)[start], start) for one in (off, mission))
+    without_filter.fleet.run(5.0)
+    assert without_filter.world.touched
+    with_filter.fleet.run(15.0)
+    errors = with_filter.errors(10.0)
+    assert not with_filter.world.touched
+    assert with_filter.world.nearest > 0.0
     assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
 
 
-def test_robots_in_physics_say_the_same_on_the_same_keys() -> None:
+def test_physics_and_kinematic_worlds_publish_same_keys() -> None:
     team = InPhysics(PAIR)
     kinematic, physics = Hosted(PAIR), team.fleet.world
     assert physics.publications == kinematic.publications
@@ -264,7 +264,7 @@ def test_wire_command_moves_robot_and_odometry_drifts() -> None:
     assert 0.0 < abs(truth.position - counted) < 0.02
 
 
-def test_a_camera_above_sees_the_truth() -> None:
+def test_external_pose_is_true_pose() -> None:
     text, name = read("turtlebot3_pair")
     mission = parse(text.replace('odometry_frame = "start"', 'localisation = "external"'), name)
     team = InPhysics(mission)
@@ -273,7 +273,7 @@ def test_a_camera_above_sees_the_truth() -> None:
     assert seen.position == pytest.approx(mission.robots["robot1"].start.position, abs=1e-3)
 
 
-def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:
+def test_standing_robot_does_not_move_during_long_pause() -> None:
     world = World(PAIR)
     hosted = InPhysics(PAIR).fleet.world
     hosted.step(at(0.0), [])
@@ -291,4 +291,4 @@ def test_wire_scan_contains_obstacles_of_physics_world() -> None:
     assert {key for _, key in hosted.publications} == {key for _, key in Hosted(mission).publications}
     scan = next(decode(LaserScan, out.payload) for out in result if out.key == "robot2/scan")
     assert scan.ranges[0] == pytest.approx(0.9, abs=0.1)  # noise
-    assert scan.ranges[180] == 0.0  # nothing there
+    assert scan.ranges[180] == 0.0  # no object

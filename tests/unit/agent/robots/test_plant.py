@@ -30,7 +30,7 @@ def pose(one: Plant) -> tuple[complex, complex]:
 
 
 @given(SPEEDS, SPEEDS.filter(lambda w: abs(w) > 1e-3), st.floats(0.0, 20.0), st.floats(-math.pi, math.pi))
-def test_without_lag_it_goes_along_the_exact_arc(u: float, w: float, t: float, angle: float) -> None:
+def test_plant_without_lag_moves_along_exact_arc(u: float, w: float, t: float, angle: float) -> None:
     one = plant(Body(), 2.0 - 1.0j, cmath.rect(1.0, angle))
     drive(one, u, w, t)
     turned = cmath.rect(1.0, angle + w * t)
@@ -61,7 +61,7 @@ def test_pose_integrates_unicycle_while_wheel_speed_changes() -> None:
 
 
 @given(st.lists(st.floats(1e-4, 0.3), min_size=1, max_size=40))
-def test_it_does_not_matter_how_time_is_cut_into_pieces(pieces: list[float]) -> None:
+def test_motion_does_not_depend_on_step_sizes(pieces: list[float]) -> None:
     in_pieces, at_once = plant(Body(lag=0.1, drift=0.02)), plant(Body(lag=0.1, drift=0.02))
     for one in (in_pieces, at_once):
         one.obey(Command(1.5, 1.5))
@@ -73,7 +73,7 @@ def test_it_does_not_matter_how_time_is_cut_into_pieces(pieces: list[float]) -> 
     assert in_pieces.odometry()[0] == pytest.approx(at_once.odometry()[0], abs=1e-5)
 
 
-def test_no_time_and_time_running_backwards_move_nothing() -> None:
+def test_zero_or_negative_time_moves_nothing() -> None:
     one = plant(BURGER)
     drive(one, 0.2, 1.0, 0.0)
     one.advance(-5.0)
@@ -85,14 +85,14 @@ def test_no_time_and_time_running_backwards_move_nothing() -> None:
     ("requested", "done"),
     [(0.058, 0.05), (-0.058, -0.05), (0.0099, 0.0), (-0.0099, 0.0), (0.07, 0.07), (0.2, 0.2)],
 )
-def test_commands_are_cut_to_steps_towards_zero(requested: float, done: float) -> None:
+def test_commands_are_rounded_to_steps_towards_zero(requested: float, done: float) -> None:
     one = plant(BURGER)
     one.obey(Command(requested, requested))
     assert one.command == pytest.approx((done, done))
 
 
 @given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
-def test_a_command_is_never_exceeded_nor_are_the_clamps(speed: float, turn_rate: float) -> None:
+def test_obeyed_command_never_exceeds_request_or_limits(speed: float, turn_rate: float) -> None:
     one = plant(BURGER)
     one.obey(Command(speed, turn_rate))
     for done, requested, limit in (
@@ -104,7 +104,7 @@ def test_a_command_is_never_exceeded_nor_are_the_clamps(speed: float, turn_rate:
         assert abs(done) == limit or abs(requested - done) <= 0.01 + 1e-7
 
 
-def test_the_odometry_of_an_ideal_robot_is_the_truth() -> None:
+def test_odometry_of_ideal_robot_is_exact() -> None:
     one = plant(PROFILES["ideal"], 3.0 + 4.0j, 1j)
     drive(one, 0.3, 0.4, 7.0)
     assert one.odometry() == pose(one)
@@ -135,7 +135,7 @@ def test_noise_has_configured_size_and_does_not_accumulate() -> None:
     assert np.allclose(np.abs([heading for _, heading in samples]), 1.0)
 
 
-def test_the_same_seed_gives_the_same_odometry_and_another_seed_another() -> None:
+def test_odometry_is_equal_only_for_equal_seeds() -> None:
     def odometry(seed: int) -> list[tuple[complex, complex]]:
         one = plant(BURGER, seed=seed)
         one.obey(Command(0.1, 0.3))
@@ -149,7 +149,7 @@ def test_the_same_seed_gives_the_same_odometry_and_another_seed_another() -> Non
     assert odometry(7) != odometry(8)
 
 
-def test_the_heading_stays_a_unit_number_over_a_million_arcs() -> None:
+def test_heading_stays_normalised_over_many_arcs() -> None:
     one = plant(Body())
     one.obey(Command(1.0, 1.5))
     for _ in range(20_000):

@@ -16,12 +16,12 @@ from formation.wire import Sample
 from tests.support.fleet import at
 
 RANGE_NOISE = 6.0 * MIN_NOISE
-"""Greatest error of a range by a scanner without more noise than it must have [m]."""
+"""Greatest range error of a scanner with the least possible noise [m]."""
 EXACT = "[simulated_scanner]\nnoise = 0.0\nrelative_noise = 0.0\n"
 
 
 def mission(text: str, scan: str = "rate = 5") -> Mission:
-    """Six robots with scanners, and what else `text` says."""
+    """Six robots with scanners, and further tables in `text`."""
     whole, name = read("six_robots")
     whole = whole.replace("[robot]", f'[robot]\nscanner = "optional"\nscan = {{ {scan} }}')
     return parse(f"{whole}\n{text}", name)
@@ -36,19 +36,19 @@ def scans(world: World, robot: str, until: float = 0.4, reported: Sample | None 
 
 
 def beam(scan: LaserScan, toward: complex) -> float:
-    """What a scan says of a direction [scanner's frame]."""
+    """The range in a direction [m; scanner's frame]."""
     angle = math.atan2(toward.imag, toward.real)
     return scan.ranges[round(angle / scan.angle_increment) % len(scan.ranges)]
 
 
-def test_each_robot_with_a_scanner_says_its_scans_at_its_rate() -> None:
+def test_robots_publish_scans_at_scan_rate() -> None:
     world = World(mission(""))
     keys = [out.key for i in range(1000) for out in world.step(at(0.002 * i), [])]
     assert set(keys) == {key for _, key in world.publications}
     assert {keys.count(f"{name}/scan") for name in world.robots} == {10}
 
 
-def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
+def test_scan_measures_posts_walls_and_other_robots() -> None:
     there = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
     there += "[[simulation.walls]]\nbegin = [-4.0, 2.5]\nend = [-1.6, 2.5]"
     world = World(mission(there))
@@ -57,16 +57,16 @@ def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
     assert beam(scan, 1 + 1j) == pytest.approx(0.5 * math.sqrt(2.0), abs=RANGE_NOISE)
     other = (-3.0 + 1.5j - (-1.5 + 2j)) / 1j
     assert beam(scan, other) == pytest.approx(abs(other) - 0.1, abs=0.01)
-    assert beam(scan, -1j) == 0.0  # nothing there
+    assert beam(scan, -1j) == 0.0  # no object
 
 
-def test_the_scanner_sees_from_where_it_is_mounted() -> None:
+def test_scan_is_measured_from_mounting_pose() -> None:
     post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
     scan = scans(World(mission(post, "x = -0.1, yaw_deg = 90")), "robot2")[0]
     assert beam(scan, -1j) == pytest.approx(1.0, abs=RANGE_NOISE)
 
 
-def test_systematic_errors_have_a_sign_of_each_robot() -> None:
+def test_sign_of_systematic_errors_differs_between_robots() -> None:
     off = World(mission(f"{EXACT}scale = 0.01\nmounting_error_deg = 5.0\n"), seed=1)
 
     def nearest(world: World) -> tuple[int, float]:
@@ -81,7 +81,7 @@ def test_systematic_errors_have_a_sign_of_each_robot() -> None:
     assert scales == {0.99, 1.01}
 
 
-def test_scanners_see_what_a_mission_says_of_robots() -> None:
+def test_scan_shows_seen_circle_of_robots() -> None:
     whole, name = read("six_robots")
     seen = '[robot]\nscanner = "optional"\nseen = { radius = 0.035, x = -0.1 }'
     world = World(parse(f"{whole.replace('[robot]', seen)}\n{EXACT}", name))
@@ -90,7 +90,7 @@ def test_scanners_see_what_a_mission_says_of_robots() -> None:
     assert beam(scans(world, "robot2")[0], toward) == pytest.approx(abs(toward) - 0.035, abs=0.005)
 
 
-def test_a_robot_that_moves_sees_things_come_nearer() -> None:
+def test_ranges_ahead_decrease_while_robot_drives() -> None:
     post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 4.0\nradius = 0.1\n"
     ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
     seen = scans(World(mission(post)), "robot2", 1.0, ahead)
@@ -98,8 +98,8 @@ def test_a_robot_that_moves_sees_things_come_nearer() -> None:
     assert steps == pytest.approx([0.1] * len(steps), abs=RANGE_NOISE)
 
 
-def test_scanner_of_known_model_turns() -> None:
-    """Its first beam is the newest: robot2 drives towards a wall, which it sees on both sides of ahead."""
+def test_scan_of_known_model_is_swept() -> None:
+    """The first beam is the newest: robot2 drives at a wall and measures it on both sides of its course."""
     wall = EXACT + "[[simulation.walls]]\nbegin = [-9.0, 4.0]\nend = [9.0, 4.0]"
     ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
     scan = scans(World(mission(wall, 'model = "lds_01"')), "robot2", 1.0, ahead)[-1]
@@ -111,7 +111,7 @@ def test_scanner_of_known_model_turns() -> None:
 
 
 @pytest.mark.parametrize(("model", "age", "first"), [("lds_02", 0.0, 0.0), ("rplidar_a1", 0.182, -math.pi)])
-def test_stamp_and_first_beam_are_those_of_the_model(model: str, age: float, first: float) -> None:
+def test_stamp_and_first_beam_follow_scanner_model(model: str, age: float, first: float) -> None:
     world, found = World(mission("", f'model = "{model}"')), 0
     for tick in range(60):
         now = at(0.01 * tick)
@@ -124,14 +124,14 @@ def test_stamp_and_first_beam_are_those_of_the_model(model: str, age: float, fir
     assert found > 1
 
 
-def test_noise_and_losses_are_a_robots_own_and_the_seeds() -> None:
+def test_scan_noise_and_losses_depend_on_seed() -> None:
     noisy = mission("[simulated_scanner]\nlost = 0.1\n")
     first, again, other = (scans(World(noisy, seed=seed), "robot2")[0] for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
 
-def test_a_scanner_changes_nothing_of_a_robots_odometry() -> None:
+def test_scanner_does_not_change_odometry() -> None:
     def odometry(what: Mission) -> list[bytes]:
         world = World(what)
         result = [out for i in range(50) for out in world.step(at(0.05 * i), [])]

@@ -1,4 +1,4 @@
-"""Simulated robots on the wire, and which world they are in by the command line."""
+"""Messages of simulated robots, and the command-line flags that choose their world."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def last(outbox: Iterable[Outgoing], key: str, kind: Any) -> Any:
 
 
 def run(world: World, until: float, step: float = 0.05, inbox: Iterable[Sample] = ()) -> list[Outgoing]:
-    """All that the world says from 0 to `until`; commands come with the first step after they arrive."""
+    """All that the world sends from 0 to `until`; commands come with the first step after they arrive."""
     waiting, outbox = sorted(inbox, key=lambda sample: sample.arrived), []
     for i in range(round(until / step) + 1):
         due = [sample for sample in waiting if sample.arrived <= i * step]
@@ -50,7 +50,7 @@ def run(world: World, until: float, step: float = 0.05, inbox: Iterable[Sample] 
 
 
 def odometry(outbox: Iterable[Outgoing]) -> list[Odometry]:
-    """What robot2 says of its odometry."""
+    """The odometry messages of robot2."""
     return [decode(Odometry, out.payload) for out in outbox if out.key == "robot2/odom"]
 
 
@@ -83,24 +83,24 @@ def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
         ("restamped", 3.9, 3.9),
     ],
 )
-def test_late_odometry_has_its_true_stamp(kind: str, until: float, stamp: float) -> None:
+def test_stamp_of_late_odometry_depends_on_fault(kind: str, until: float, stamp: float) -> None:
     found = last(run(faulty(kind, 1.0, lasts=3.0), until), "robot2/odom", Odometry)
     assert found.stamp - EPOCH == pytest.approx(stamp, abs=0.051)
 
 
-def test_delayed_odometry_arrives_after_prompt_odometry() -> None:
+def test_stale_odometry_is_overtaken_but_not_lost() -> None:
     stamps = [one.stamp for one in odometry(run(faulty("stale", 1.0, lasts=3.0), 6.0))]
-    assert len(set(stamps)) == len(stamps) == 121, "nothing is lost, nothing comes twice"
+    assert len(set(stamps)) == len(stamps) == 121, "no message is lost or repeated"
     assert sorted(stamps) != stamps
 
 
-def test_robots_do_not_speak_all_at_once() -> None:
+def test_robots_publish_at_different_times() -> None:
     world = World(load("six_robots"))
     result = [{out.key.split("/")[0] for out in world.step(at(i * 0.01), [])} for i in range(10)]
     assert [len(robots) for robots in result] == [1] * 10
 
 
-def test_robots_start_where_the_mission_says_and_at_rest() -> None:
+def test_robots_start_at_rest_at_their_start_poses() -> None:
     mission = load("six_robots")
     outbox = run(World(mission), 1.0)
     for name in mission.followers:
@@ -133,7 +133,7 @@ def test_last_command_stays_in_force_without_messages() -> None:
     assert abs(world.plant("robot2").position - (-1.5 + 2.0j)) == pytest.approx(360.0)
 
 
-def test_odometry_and_truth_carry_the_time_of_the_motion_they_tell() -> None:
+def test_odometry_and_ground_truth_match_their_stamp() -> None:
     world = World(load("six_robots"), ["robot2"])
     run(world, 1.0, inbox=[twist("robot2", 0.0, 0.1)])
     outbox = world.step(at(1.237), [])
@@ -154,14 +154,14 @@ def test_odometry_and_truth_carry_the_time_of_the_motion_they_tell() -> None:
         encode(Twist(1.0, 1.0)).replace(b"\xf0\x3f", b"\xf0\x7f"),  # infinity for 1.0
     ],
 )
-def test_what_is_no_command_is_not_obeyed_but_counted(payload: bytes) -> None:
+def test_invalid_command_is_dropped_and_counted(payload: bytes) -> None:
     world = World(load("six_robots"))
     run(world, 1.0, inbox=[twist("robot2", 0.5, 0.1), Sample("robot2/cmd_vel", payload, None, 0.6)])
     assert world.plant("robot2").command == (0.1, 0.0)
     assert world.dropped == {"robot2/cmd_vel": 1}
 
 
-def test_a_robot_that_takes_stamped_twists_obeys_no_others() -> None:
+def test_robot_with_stamped_twists_ignores_plain_twists() -> None:
     world = World(load("turtlebot3_pair"))
     stamped = Sample("robot2/cmd_vel", encode(TwistStamped(EPOCH, 0.1, 0.0)), None, 0.0)
     run(world, 0.1, inbox=[twist("robot1", 0.0, 0.1), stamped])
@@ -170,7 +170,7 @@ def test_a_robot_that_takes_stamped_twists_obeys_no_others() -> None:
     assert world.dropped == {"robot1/cmd_vel": 1}
 
 
-def test_mutilated_commands_never_move_a_robot_faster_than_it_can() -> None:
+def test_mutated_commands_never_exceed_robot_limits() -> None:
     world, chance = World(load("turtlebot3_pair"), ["robot1"]), random.Random(1)
     whole = encode(TwistStamped(EPOCH, 0.1, 0.5))
     for i in range(2_000):
@@ -234,7 +234,7 @@ def test_sensor_extrapolates_position_of_virtual_leader(local: Mission) -> None:
     assert result.displacement * truth.heading == pytest.approx(0.4 - mine, abs=1e-6)
 
 
-def test_a_leader_that_falls_silent_is_out_of_sight(local: Mission) -> None:
+def test_silent_leader_is_not_measured(local: Mission) -> None:
     world = World(local, ["robot2"])
     assert "robot1/position" in world.subscriptions
     assert "robot1/position" not in World(load("six_robots")).subscriptions
@@ -244,7 +244,7 @@ def test_a_leader_that_falls_silent_is_out_of_sight(local: Mission) -> None:
     assert not [out for out in world.step(at(1.6), []) if "relative" in out.key]
 
 
-def test_a_leaders_position_from_another_time_is_not_believed(local: Mission) -> None:
+def test_leader_position_with_wrong_stamp_is_dropped(local: Mission) -> None:
     world = World(local, ["robot2"])
     world.step(at(1.0), [leader_at(1.0, 0j)])
     world.step(at(1.1), [leader_at(9e5, 5 + 0j), leader_at(1.0, 5 + 0j), leader_at(0.2, 5 + 0j)])
@@ -252,7 +252,7 @@ def test_a_leaders_position_from_another_time_is_not_believed(local: Mission) ->
     assert abs(last(world.step(at(1.2), []), "robot2/relative/robot1", Displacement).displacement) < 3.0
 
 
-def test_a_sensor_cannot_see_a_robot_of_another_process(local: Mission) -> None:
+def test_measured_robot_must_be_in_same_process(local: Mission) -> None:
     with pytest.raises(ValueError, match="'robot3' measures 'robot2' with a sensor"):
         World(local, ["robot3", "robot4"])
 
@@ -275,17 +275,17 @@ def read(*words: str) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def test_without_a_flag_robots_are_as_they_were() -> None:
+def test_world_flags_are_empty_by_default() -> None:
     assert world_flags(read()) == ()
     assert unfit(read()) is None
 
 
-def test_flags_are_handed_on_as_they_were_said(tmp_path: Path) -> None:
+def test_world_flags_are_passed_on_unchanged(tmp_path: Path) -> None:
     words = ("--world", "mujoco", "--picture", str(tmp_path / "end.png"))
     assert world_flags(read(*words)) == words
 
 
-def test_a_picture_needs_the_physics_world_and_a_folder(tmp_path: Path) -> None:
+def test_picture_needs_physics_world_and_existing_folder(tmp_path: Path) -> None:
     assert unfit(read("--picture", "end.png")) == "--picture: needs --world mujoco"
     nowhere = str(tmp_path / "none" / "end.png")
     assert "there is no folder" in str(unfit(read("--world", "mujoco", "--picture", nowhere)))
@@ -320,13 +320,13 @@ def test_picture_replaces_only_an_older_picture(
     assert wrong == (None if says is None else f"--picture {picture}: {says}")
 
 
-def test_a_picture_needs_something_that_renders(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_picture_without_egl_names_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("formation.agent.simulated.flags.find_library", lambda _: None)
     assert "apt install libegl1" in str(unfit(read("--world", "mujoco", "--picture", "end.png")))
 
 
-def test_the_missing_extra_is_named_in_one_line(
+def test_missing_physics_extra_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(robots, "find_spec", lambda _: None)
@@ -336,6 +336,6 @@ def test_the_missing_extra_is_named_in_one_line(
     assert "pip install '.[physics]'" in result
 
 
-def test_a_physics_world_cannot_have_some_of_the_robots_only(capsys: pytest.CaptureFixture[str]) -> None:
+def test_physics_world_refuses_robot_flag(capsys: pytest.CaptureFixture[str]) -> None:
     assert robots.main(["six_robots", "--world", "mujoco", "--robot", "robot2"]) == 2
     assert "leave out --robot" in capsys.readouterr().err

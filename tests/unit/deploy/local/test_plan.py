@@ -1,4 +1,4 @@
-"""The process table: which processes a mission has on this machine, and who is linked with whom."""
+"""The process table: processes of a mission on this machine, and their links."""
 
 from __future__ import annotations
 
@@ -89,6 +89,6 @@ def test_watchdogs_end_after_agents_and_before_robots() -> None:
     assert set(STOP_ORDER) == set(get_args(Part)) == set(GRACE)
 
 
-def test_simulated_sensor_of_leader_is_linked_with_it() -> None:
+def test_robots_process_dials_leader_with_local_measurement() -> None:
     plan, where = planned(with_robots("turtlebot3_pair", measurement="local"))
     assert flags_of(plan["robots"].argv, "-e")[0] == where.agents["leader"]

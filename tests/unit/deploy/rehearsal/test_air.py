@@ -1,4 +1,4 @@
-"""The network of a rehearsal."""
+"""`Air`, the simulated network of a rehearsal."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ def test_calm_air_carries_each_message_once() -> None:
     assert all(len(ways) == 1 and QUICK <= ways[0] <= LATE for ways in sent(air()))
 
 
-def test_one_machine_needs_no_air() -> None:
+def test_message_within_one_machine_has_only_local_delay() -> None:
     assert list(air(Weather(loss=1.0)).ways("a", "a", 100)) == [LOCAL_DELAY]
 
 
-def test_share_is_lost_and_share_arrives_twice() -> None:
+def test_loss_and_twice_apply_to_given_shares() -> None:
     counts = [len(ways) for ways in sent(air(Weather(loss=0.3, twice=0.5)), 4000)]
     assert counts.count(0) / 4000 == pytest.approx(0.3, abs=0.04)
     assert counts.count(2) / 4000 == pytest.approx(0.35, abs=0.04)
 
 
-def test_copy_of_each_message_arrives_later() -> None:
+def test_again_delivers_each_message_a_second_time_later() -> None:
     assert all(later == first + 2.0 for first, later in sent(air(Weather(again=2.0))))
 
 
-def test_delay_grows_from_its_beginning() -> None:
+def test_growth_increases_delay_since_its_start() -> None:
     (ways,) = sent(air(Weather(growth=0.5, since=5.0), now=7.0), 1)
     assert 1.0 + QUICK <= ways[0] <= 1.0 + LATE
 
 
-def test_disturbance_is_of_one_machine_and_ends() -> None:
+def test_disturb_affects_one_machine_until_calm() -> None:
     local, storm = air(), Weather(delay=1.0)
     local.disturb("b", storm)
     assert sent(local, 1)[0][0] > 1.0
@@ -50,7 +50,7 @@ def test_disturbance_is_of_one_machine_and_ends() -> None:
     assert sent(local, 1)[0][0] < 1.0
 
 
-def test_cuts_are_counted() -> None:
+def test_link_cut_twice_needs_two_mends() -> None:
     twice = air()
     twice.cut([("a", "b")])
     twice.cut([("a", "b")])
@@ -61,7 +61,7 @@ def test_cuts_are_counted() -> None:
     assert len(sent(twice, 1)[0]) == 1
 
 
-def test_throttled_link_queues_and_then_loses() -> None:
+def test_bandwidth_limit_queues_messages_and_then_drops_them() -> None:
     ways = sent(air(Weather(bandwidth=1000.0)), 100)
     delays = [one[0] for one in ways if one]
     assert delays == sorted(delays)

@@ -1,4 +1,4 @@
-"""A seed gives one rehearsal and the same bytes of its recording, which is whole and computed again."""
+"""Recordings of rehearsals: equal for equal seeds, complete, and verified by recomputation."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("seed", [11, *slow(0, 1, 2)])
-def test_one_seed_gives_one_run_and_the_same_bytes(
+def test_same_seed_gives_same_run_and_same_recording_bytes(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def published(plan: Plan) -> tuple[Verdict, list[tuple[float, Outgoing]]]:
@@ -65,10 +65,10 @@ def test_one_seed_gives_one_run_and_the_same_bytes(
     verdict, messages = published(ALL._replace(record=one))
     assert published(ALL._replace(record=other)) == (verdict, messages)
     assert one.read_bytes() == other.read_bytes()
-    assert rehearse(ALL, seed) == verdict, "the monitor changes the run"
+    assert rehearse(ALL, seed) == verdict, "recording changes the run"
 
 
-def test_recorded_agents_compute_the_same_with_wrong_clocks(tmp_path: Path) -> None:
+def test_recorded_commands_recompute_exactly_with_wrong_clocks(tmp_path: Path) -> None:
     path = tmp_path / "clocks.mcap"
     mission = parse_mission(MUTUAL, "mutual")
     faults = [parse(text, mission) for text in ("a:clock=26.9@4+4", "b:drift@3+9")]
@@ -77,12 +77,14 @@ def test_recorded_agents_compute_the_same_with_wrong_clocks(tmp_path: Path) -> N
     assert all(one.compared > 100 and one.exact == one.compared for one in verdicts.values())
 
 
-def forgetful(recorder: Recorder, sample: Sample, wall: float, write: Any = Recorder.write) -> None:
+def write_without_later_odometry(
+    recorder: Recorder, sample: Sample, wall: float, write: Any = Recorder.write
+) -> None:
     if sample.key != "robot2/odom" or recorder.recorded["robot2/odom"] < 20:
         write(recorder, sample, wall)
 
 
-def shifted(
+def append_with_wrong_index(
     part: Part, record: bytes, chunk: Any, shift: int, *given: Any, append: Any = Part.append_packed
 ) -> None:
     append(part, record, chunk, 2 * shift + 1, *given)
@@ -91,13 +93,13 @@ def shifted(
 @pytest.mark.parametrize(
     ("name", "instead", "what"),
     [
-        ("monitor.recording.recorder.Recorder.write", forgetful, "robot2/odom"),
-        ("monitor.recording.part.Part.append_packed", shifted, ""),
+        ("monitor.recording.recorder.Recorder.write", write_without_later_odometry, "robot2/odom"),
+        ("monitor.recording.part.Part.append_packed", append_with_wrong_index, ""),
         ("deploy.rehearsal.rules.recorded.EPOCH", 0.0, ""),
     ],
 )
 @pytest.mark.usefixtures("short")
-def test_wrong_recording_is_found(
+def test_record_rule_detects_faulty_recording(
     name: str, instead: Any, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(f"formation.{name}", instead)
@@ -108,18 +110,20 @@ def test_wrong_recording_is_found(
 
 @pytest.mark.parametrize("late", [0.0, 0.01, 0.02, 0.03, 0.04])
 @pytest.mark.usefixtures("short")
-def test_message_after_the_last_step_of_the_monitor_is_not_missed(
+def test_message_after_last_monitor_step_breaks_no_rule(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float
 ) -> None:
-    """As in `formation rehearse posts --seed 5`, where robot6's messages came then."""
+    """As in `formation rehearse posts --seed 5`, where messages of robot6 came that late."""
     monkeypatch.setattr(rehearsal, "STOP_TIMEOUT_SECONDS", STOP_TIMEOUT_SECONDS + late)
     assert run(Plan(PAIR, record=tmp_path / "run.mcap"), 0, ()).violations == ()
 
 
 @pytest.mark.usefixtures("short")
-def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_report_accepts_recording_of_rehearsal(
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
-    monkeypatch.setattr(report, "analyse", lambda _: None)  # which would compile the law
+    monkeypatch.setattr(report, "analyse", lambda _: None)  # would compile the law
     monkeypatch.setattr("formation.deploy.check.words", lambda *_: "")
     path = tmp_path / "run.mcap"
     flags = ["--faults", "none", "--record", str(path), "--noise", "0.001", "--json"]
@@ -130,7 +134,7 @@ def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys, monkeypatch: p
     assert path.with_suffix(".html").exists()
 
 
-def test_recording_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+def test_record_flag_refuses_existing_file_and_several_seeds(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.touch()
     with pytest.raises(Refusal, match="exists already"):

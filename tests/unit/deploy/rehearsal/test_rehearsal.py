@@ -1,4 +1,4 @@
-"""Rehearsals: what holds with and without faults, and what the command prints."""
+"""Rehearsals with and without faults, and the output of `formation rehearse`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
+from formation.deploy.rehearsal.rules.judge import RULES
 from formation.deploy.rehearse import main
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load, read
@@ -33,6 +34,11 @@ def rehearsed(*texts: str, mission: Any = SIX, seed: int = 0) -> Verdict:
     return run(Plan(mission), seed, faults(*texts, mission=mission))
 
 
+def breaks(verdict: Verdict, rule: str) -> bool:
+    assert rule in RULES
+    return rule in verdict.broken
+
+
 @pytest.mark.parametrize("name", ["six_robots", *slow("patrol", "two_chains")])
 def test_every_rule_holds_without_faults(name: str) -> None:
     verdict = run(Plan(load(name)), 0, ())
@@ -41,10 +47,10 @@ def test_every_rule_holds_without_faults(name: str) -> None:
     assert verdict.nearest > 0.0
 
 
-def test_the_drift_of_odometry_is_no_broken_rule() -> None:
+def test_odometry_drift_does_not_break_formation_rule() -> None:
     drifting = PAIR.simulated_robot.model_copy(update={"drift": 0.1})
     verdict = run(Plan(PAIR.model_copy(update={"simulated_robot": drifting})), 0, ())
-    assert "formation" not in {one.rule for one in verdict.violations}
+    assert not breaks(verdict, "formation")
 
 
 @pytest.mark.slow
@@ -61,7 +67,7 @@ def test_every_rule_holds_with_drawn_faults(seed: int) -> None:
     assert rehearse(Plan(PATROL, tuple(KINDS)), seed).violations == ()
 
 
-def test_drawn_faults_are_spelled_as_they_are_parsed() -> None:
+def test_spelled_faults_parse_to_the_same_faults() -> None:
     for seed in range(20):
         drawn = draw(PATROL, tuple(KINDS), seed)
         assert tuple(drawn) == faults(*map(spelled, drawn), mission=PATROL)
@@ -76,32 +82,32 @@ def test_drawn_faults_are_spelled_as_they_are_parsed() -> None:
         ("robot1:frozen@3", "robot1: must be one of robot2, robot3"),
     ],
 )
-def test_illegal_fault_is_refused_with_the_legal_ones(text: str, why: str) -> None:
+def test_parse_of_illegal_fault_names_legal_values(text: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         parse(text, SIX)
 
 
-def test_with_a_fault_without_end_nothing_has_to_settle(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_formation_rule_is_not_judged_after_endless_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 5.0)
-    assert "formation" not in rehearsed("leader:kill@3", mission=PAIR).broken
+    assert not breaks(rehearsed("leader:kill@3", mission=PAIR), "formation")
 
 
-def test_stated_noise_is_no_jump_of_odometry() -> None:
+def test_stated_position_noise_does_not_break_hold_rule() -> None:
     noisy = PAIR.changed(
         simulated_robot=PAIR.simulated_robot.model_copy(update={"position_noise": 0.005}),
         collisions=PAIR.collisions.model_copy(update={"noise": 0.005}),
     )
-    assert "hold" not in run(Plan(noisy), 0, ()).broken
+    assert not breaks(run(Plan(noisy), 0, ()), "hold")
 
 
-def test_agent_may_act_on_positions_within_its_age_limit() -> None:
+def test_positions_within_age_limit_break_no_rule() -> None:
     verdict = rehearsed("robot2:stale=0.1@3+9", mission=PAIR)
     assert verdict.violations == ()
     assert verdict.blind_path == 0.0
 
 
 @pytest.mark.slow
-def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mujoco_world_passes_rules_and_refuses_sensor_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "disable")
     pytest.importorskip("mujoco")
     plan = Plan(SIX, world="mujoco")
@@ -110,7 +116,7 @@ def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytes
         run(plan, 0, faults("robot2:frozen@3"))
 
 
-def test_shrinking_leaves_the_fault_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shrunk_keeps_only_the_fault_that_breaks_a_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Persistence, "requested", lambda _: None)  # no stop is saved
     monkeypatch.setattr(rehearsal, "START_TIME", 5.0)
     plan = Plan(PAIR)
@@ -118,7 +124,7 @@ def test_shrinking_leaves_the_fault_that_matters(monkeypatch: pytest.MonkeyPatch
     assert shrunk(plan, run(plan, 0, given)) == given[1:2]
 
 
-def test_agent_answers_beside_and_after_a_second_one() -> None:
+def test_operator_request_is_answered_beside_and_after_second_agent() -> None:
     fleet, replies = Fleet(PAIR, 0, Weather(), ()), list[bytes]()
     fleet.engine.run(2.0)
     fleet.start_rival("robot2")
@@ -155,7 +161,7 @@ def test_robot_holds_while_a_sensor_is_late(
     fleet.run_until_settled(within=60.0)
 
 
-def test_robot_with_a_torn_state_starts_anew(
+def test_robot_with_torn_state_file_logs_it_and_settles(
     rehearsed_fleet: MakeRehearsed, caplog: pytest.LogCaptureFixture
 ) -> None:
     fleet = rehearsed_fleet("turtlebot3_pair", faults=["robot2:torn@3+2"])
@@ -164,13 +170,15 @@ def test_robot_with_a_torn_state_starts_anew(
     fleet.run_until_settled(within=60.0)
 
 
-def test_calm_run_holds_every_rule(capsys: Capsys) -> None:
+def test_rehearse_without_faults_prints_every_rule_held(capsys: Capsys) -> None:
     assert main(["turtlebot3_pair", "--faults", "none"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("turtlebot3-pair, 1 seed, faults: none\n  every rule held  1 of 1\n")
 
 
-def test_failing_run_is_told_with_its_command(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_run_is_printed_with_command_to_repeat_it(
+    capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("formation.agent.core.Agent.tell", lambda *_: 1 // 0)
     arguments = ["six_robots", "--fault", "robot1:stop@8+5"]
     assert main(arguments) == 1
@@ -183,7 +191,7 @@ def test_failing_run_is_told_with_its_command(capsys: Capsys, monkeypatch: pytes
     assert report["runs"][0]["violations"][0]["rule"] == "exception"
 
 
-def test_kinds_of_faults_are_chosen_and_seeds_are_counted(
+def test_rehearse_draws_given_fault_kinds_for_each_seed(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(

@@ -1,4 +1,4 @@
-"""Parts of the rules of a rehearsal, and what they say where that tells two cases of a rule apart."""
+"""Parts of the rules of a rehearsal, and messages that tell two cases of a rule apart."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from formation.wire import Outgoing
 from tests.unit.deploy.rehearsal.test_safeguards import ORDER, PAIR, PATROL, POSTS, rehearsed
 
 
-def test_distance_to_posts_and_walls() -> None:
+def test_room_is_distance_to_posts_and_walls() -> None:
     assert room(PAIR, 0j) == float("inf")
     assert room(POSTS, 1.6 + 0.55j) == pytest.approx(-0.12)
     assert room(POSTS, 1.6 + 1.55j) == pytest.approx(0.88)
     assert room(POSTS, 3.4 - 2.2j) == pytest.approx(1.0)
 
 
-def test_body_in_a_post_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_touch_rule_detects_body_inside_a_post(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(places, "room", lambda *_: 0.05)
     (first, *_) = rehearsed(POSTS).violations
     assert first.rule == "touch"
     assert "what it sees" in first.what
 
 
-def test_orders_of_a_leader_that_was_replaced_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It leads on without votes, and counts as no leader by its lease."""
+def test_leaders_rule_detects_orders_of_replaced_leader(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The replaced leader goes on giving orders after its lease has ended."""
     honest = Candidacy.step
 
     def step(candidacy: Candidacy, *given: Any) -> Any:
@@ -48,7 +48,7 @@ def test_orders_of_a_leader_that_was_replaced_are_found(monkeypatch: pytest.Monk
     assert any(one.rule == "leaders" and "after which another" in one.what for one in found)
 
 
-def test_exception_of_a_process_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exception_rule_names_process_and_error(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = Agent.act
 
     def fail(agent: Agent, now: Any, inbox: Any) -> list[Outgoing]:
@@ -62,7 +62,7 @@ def test_exception_of_a_process_is_found(monkeypatch: pytest.MonkeyPatch) -> Non
     assert violation.what == "ZeroDivisionError: of today"
 
 
-def test_formation_that_does_not_settle_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_formation_rule_detects_unsettled_formation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
     monkeypatch.setattr(rehearsal, "RECOVERY_TIME", 2.0)
     monkeypatch.setattr(judge, "RECOVERY_TIME", 2.0)
@@ -71,7 +71,7 @@ def test_formation_that_does_not_settle_is_found(monkeypatch: pytest.MonkeyPatch
     assert "robot2: " in violation.what
 
 
-def test_order_whose_beat_has_not_risen_is_no_leaders() -> None:
+def test_orders_count_only_after_their_beat_rises() -> None:
     received, later = OrdersReceived(), ORDER.model_copy(update={"beat": 8})
     received.add("robot1/position", ORDER, 1.0)
     received.add("robot1/position", ORDER, 2.0)
@@ -81,13 +81,13 @@ def test_order_whose_beat_has_not_risen_is_no_leaders() -> None:
     assert (received.risen, received.rose) == ({64}, 4.0)
 
 
-def test_quickest_message_counts_for_some_time() -> None:
+def test_quickest_delay_of_messages_expires() -> None:
     newest = Newest().after(1.0, 1.1).after(2.0, 2.5)
     assert (newest.sent, newest.quickest) == pytest.approx((2.0, 0.1))
     assert newest.after(80.0, 80.5).quickest == pytest.approx(0.5)
 
 
-def test_odometry_that_restarts_counts_from_zero() -> None:
+def test_restarted_odometry_counts_from_zero() -> None:
     restarted = Restarted()
     first = decode(Odometry, restarted.changed(encode(Odometry(1.0, 2 + 1j, 1j, 0.1, 0.0))))
     later = decode(Odometry, restarted.changed(encode(Odometry(2.0, 2 + 3j, -1 + 0j, 0.1, 0.0))))

@@ -1,4 +1,4 @@
-"""A defect of each safeguard breaks a rule of a rehearsal, though another safeguard has its effect."""
+"""A rehearsal detects a defect of each safeguard, even if another safeguard has the same effect."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def rehearsed(mission: Mission, faults: str = "", **plan: Any) -> Verdict:
 
 
 def without_row(**facts: Any) -> dict[str, Any]:
-    """The failsafe table without the row that decides about these facts."""
+    """Patch: the failsafe table without the row that decides about these facts."""
     row = next(one for one in failsafe.TABLE if one.applies(RUNNING._replace(**facts)))
     return {"agent.safety.failsafe.TABLE": tuple(one for one in failsafe.TABLE if one is not row)}
 
 
 def nothing(*_: Any, **__: Any) -> None:
-    """In place of a method that safeguards."""
+    """Do nothing, in place of a method that safeguards."""
 
 
 def obeys_run(rest: Any, _: Any) -> Result:
@@ -86,7 +86,7 @@ def drives_in_hold(commander: Any, _: Any) -> list[Outgoing]:
 
 
 def commanding(command: Command) -> dict[str, Any]:
-    """From two seconds on, whatever the law wants."""
+    """Patch: send `command` from two seconds on, in place of the law's."""
     say = Commander.say
     return {
         "agent.safety.commander.Commander.say": lambda one, now, wanted, state: say(
@@ -105,7 +105,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
         {"agent.pose.stream.Stream.fresh": lambda stream, _: stream.state.arrived is not None}),
     "does not name a lost leader": (PAIR, "leader:kill@6+4", "follow", without_row(beat_silence=9.0)),
     "takes late orders": (MEASURED, "robot1:late=0.5@3+8", "orders",
-        {"agent.following.orders.Orders._check_late": nothing}),  # as late positions are refused by others
+        {"agent.following.orders.Orders._check_late": nothing}),  # another safeguard refuses late positions
     "takes repeated positions": (TRIO, "robot1:again=2@4+10 robot1:kill@7+4", "orders",
         {"agent.following.publisher.AcceptedPublisher._judge": nothing}),
     "tears the file of stops": (TRIO, "robot1:stop@3+4 robot2:torn@4+2", "restored",
@@ -186,7 +186,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_defect_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rule_detects_defect_of_safeguard(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mission, faults, rule, changes = DEFECTS[defect]
     for name, instead in changes.items():
         monkeypatch.setattr(f"formation.{name}", instead)
@@ -194,7 +194,7 @@ def test_defect_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 HEALTHY = {name: one for name, one in DEFECTS.items() if name not in {"holds without fault", "wide bodies"}}
-"""Defects of the product, not of the mission."""
+"""Defects of the program, not of the mission."""
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ HELD = Order(term=64, beat=7, mode="hold", shape="line")
 
 
 def relayed(given: Order, by: str = "leader") -> Outgoing:
-    """A position of robot2 with an order that `by` has signed."""
+    """A position message of robot2 with an order that `by` has signed."""
     text = order.encode(given).decode()
     signature = KEYS.signer(by).sign(order.statement(PATROL.fingerprint, text))
     attachment = PositionAttachment(publisher_id="a", count=1, order=given, signed=text, signature=signature)
@@ -42,13 +42,13 @@ def insiders(mission: Mission, faults: str = "", seed: int = 0) -> Verdict:
     return run(Plan(mission, signed=True), seed, [parse(text, mission) for text in faults.split()])
 
 
-def test_leader_is_verified_and_another_process_is_not() -> None:
+def test_verifier_accepts_only_orders_signed_by_leader() -> None:
     verifier = KEYS.verifier(KEYS.signer("leader").certificate)
     assert not verified(verifier, relayed(HELD)).unverified
     assert verified(verifier, relayed(HELD, "robot2")).unverified
 
 
-def test_no_forgery_of_the_insider_is_verified() -> None:
+def test_verifier_rejects_every_forgery_of_insider() -> None:
     insider, verifier = Insider(PATROL, "robot2", KEYS), KEYS.verifier(KEYS.signer("leader").certificate)
     recorded = relayed(HELD.model_copy(update={"mode": "run"}))
     insider.tamper(recorded)
@@ -66,7 +66,7 @@ def _signed(out: Outgoing) -> tuple[str, str]:
     return attachment.signed, attachment.signature
 
 
-def test_insider_leaves_other_keys_alone() -> None:
+def test_insider_leaves_other_keys_unchanged() -> None:
     other = relayed(HELD)._replace(key=POSITION.key("robot3"))
     assert Insider(PATROL, "robot2", KEYS).tamper(other) is other
 
@@ -78,22 +78,22 @@ def test_insider_leaves_other_keys_alone() -> None:
         *slow((SIX, FORGED, 1), (SIX, FORGED, 2), (TRIO, REPLAYED, 0)),
     ],
 )
-def test_robots_follow_no_forged_order(mission: Mission, faults: str, seed: int) -> None:
+def test_forging_insider_breaks_no_rule(mission: Mission, faults: str, seed: int) -> None:
     assert insiders(mission, faults, seed).violations == ()
 
 
-def test_forgeries_count_where_nothing_is_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_orders_rule_breaks_if_verifier_accepts_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Verifier, "check", lambda _self, sample, _wall: sample)
     assert "orders" in insiders(SIX, FORGED).broken
 
 
-def test_replayed_order_of_an_earlier_leader_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    # the later of the voted term and the term in force, which no order may precede
+def test_orders_rule_detects_replayed_order_of_earlier_leader(monkeypatch: pytest.MonkeyPatch) -> None:
+    # disable the comparison of an order's term with the voted term and the term in force
     monkeypatch.setattr(orders, "max", lambda *_: 0, raising=False)
     assert "orders" in insiders(TRIO, REPLAYED).broken
 
 
-def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unsigned_order_of_leader_breaks_orders_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     begin = Leader.__init__
 
     def unsigned(self: Leader, *args: object, **options: object) -> None:
@@ -104,7 +104,7 @@ def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPa
     assert "orders" in insiders(TRIO).broken
 
 
-def test_missing_access_rule_is_reported_and_refuses_the_message(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_access_rule_reports_message_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     lost = POSITION.key("robot1")
     permitted = [one for one in access.words(SIX) if (one.receiver, one.key) != ("robot3", lost)]
     monkeypatch.setattr(access, "words", lambda _mission: iter(permitted))

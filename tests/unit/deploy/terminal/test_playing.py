@@ -1,4 +1,4 @@
-"""What is seen of a replay in a terminal, and what its keys do."""
+"""Display of a replay in a terminal, and its keys."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ def test_pause_seek_and_end_have_their_own_signs() -> None:
     assert picture(replace(STANDING, paused=True))[0].startswith("⏸")
     assert picture(replace(STANDING, finished=True))[0].startswith("⏸")
     assert picture(replace(STANDING, seeking=True))[0].startswith("»")
-    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0], "one moment only"
+    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0], "no time remains"
     assert all(text.isascii() for text in picture(STANDING, ascii_only=True))
 
 
-def test_what_is_not_as_one_would_expect_is_said() -> None:
-    said = picture(replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3), 200)[1]
-    assert "settling and counts since 0:05.0" in said
-    assert "1.2 s late" in said
-    assert "3 messages came too late to be published" in said
+def test_second_line_reports_counting_start_lateness_and_skipped_messages() -> None:
+    second = picture(replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3), 200)[1]
+    assert "settling and counts since 0:05.0" in second
+    assert "1.2 s late" in second
+    assert "3 messages came too late to be published" in second
 
 
-def test_lines_for_a_log_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_log_lines_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count(1000)
     monkeypatch.setattr("formation.deploy.terminal.playing.time.monotonic", lambda: 0.1 * next(ticks))
     stream = io.StringIO()
@@ -78,11 +78,11 @@ def test_lines_for_a_log_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch)
     ("seconds", "text"),
     [(0.0, "0:00.0"), (59.96, "1:00.0"), (65.3, "1:05.3"), (3599.99, "1:00:00.0"), (3723.4, "1:02:03.4")],
 )
-def test_times_are_clocks(seconds: float, text: str) -> None:
+def test_clock_formats_seconds(seconds: float, text: str) -> None:
     assert clock(seconds) == text
 
 
-def test_keys_steer() -> None:
+def test_space_pauses_and_arrows_seek() -> None:
     replay = Replay(SIX, Player(reel(), 0.0))
     for key, position, paused in (
         ("space", START, True), ("right", START + 5.0, True), ("left", START, True), ("left", START, True),
@@ -93,7 +93,7 @@ def test_keys_steer() -> None:
     assert not press(replay, "q")
 
 
-def test_speeds_have_steps_and_ends() -> None:
+def test_speed_keys_change_speed_in_steps_within_limits() -> None:
     replay = Replay(SIX, Player(reel(), 0.0, speed=3.0))
     for presses, speed in (("+", 5.0), ("+" * 20, 100.0), ("-" * 20, 0.1)):
         for key in presses:
@@ -101,7 +101,7 @@ def test_speeds_have_steps_and_ends() -> None:
         assert replay.standing.speed == speed
 
 
-def test_keys_have_names() -> None:
+def test_named_gives_names_of_keys() -> None:
     assert named(b" +\x1b[C\x1b[Dq") == ["space", "+", "right", "left", "q"]
     assert named(b"\x1bOC\x1b\xc3") == ["right", "escape", "\xc3"]
     assert named(b"") == []
@@ -109,7 +109,7 @@ def test_keys_have_names() -> None:
 
 @contextmanager
 def terminal() -> Iterator[tuple[int, TextIO]]:
-    """The two ends of a terminal: where somebody types, and what a program reads."""
+    """The two ends of a pseudo-terminal: descriptor for typed keys, and stream that the program reads."""
     outer, inner = pty.openpty()
     with os.fdopen(inner) as stream:
         try:

@@ -1,4 +1,4 @@
-"""What is seen of a run: in a terminal of 80 by 24, without colour, and without a terminal."""
+"""Display of a run: in a terminal of 80 by 24, without colour, and without a terminal."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def row(lines: list[str], robot: str) -> str:
 
 
 @pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair", "two_chains", "posts"])
-def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None:
+def test_table_of_shipped_mission_fits_80_by_24(mission: str) -> None:
     now = progress(mission)
     lines = picture(now)
     assert len(lines) <= 23  # the cursor stands in the last one
@@ -82,7 +82,7 @@ def test_row_shows_state_error_commands_heading_and_age(robot: RobotNow, shown: 
     assert row(picture(progress(robots={"robot3": robot})), "robot3").split() == ["robot3", *shown.split()]
 
 
-def test_a_long_name_is_cut_and_takes_nothing_from_the_figures() -> None:
+def test_long_name_is_cut_and_figures_stay_complete() -> None:
     now = progress("turtlebot3_pair")
     robots = {"robot" * 10: now.mission.robots["robot1"], "leader": now.mission.robots["leader"]}
     now.mission = now.mission.model_construct(**{**dict(now.mission), "robots": robots})
@@ -102,7 +102,7 @@ def test_robot_with_dead_agent_is_shown_as_dead() -> None:
     assert "agent robot4 was killed (Killed) during the run" in lines
 
 
-def test_the_footer_has_total_error_and_time() -> None:
+def test_footer_shows_total_error_time_and_settled() -> None:
     now = progress()
     lines = picture(now)
     assert row(lines, "error").startswith("error   1.25 m")
@@ -118,7 +118,9 @@ def test_last_line_leaves_room_for_ctrl_c(width: int, elapsed: float) -> None:
     now.elapsed = elapsed
     for phase in ("running", "stopping"):
         now.phase = phase
-        assert len(picture(now, width)[-1] + "^C") < width  # else the cursor is further down than known
+        assert (
+            len(picture(now, width)[-1] + "^C") < width
+        )  # else the line wraps, and the cursor is lower than assumed
 
 
 def test_short_table_shows_robots_in_trouble_first() -> None:
@@ -144,12 +146,12 @@ def test_dead_monitor_clears_old_figures() -> None:
     assert "monitor was killed (SIGKILL)" in lines
 
 
-def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
+def test_display_before_first_snapshot_counts_ready_processes() -> None:
     now = Progress(load("six_robots"), 30.0, 8, ready=3)
     assert picture(now) == ["six-robots: starting, 3 of 8 processes ready"]
 
 
-def test_a_terminal_without_unicode_gets_plain_signs() -> None:
+def test_ascii_only_table_has_no_unicode_blocks() -> None:
     assert not set("".join(picture(progress(), ascii_only=True))) & set(BLOCKS + "━╌")
 
 
@@ -157,7 +159,7 @@ LOST = Event(1_700_000_000.0, 40, "robot4", "lost", "silent for 1.0 s; last stat
 SETTLED = Event(1_700_000_001.0, 20, "", "settled", "under the bound of 50 mm since 3.6 s")
 
 
-def test_what_happens_stands_below_the_table_the_newest_last() -> None:
+def test_events_are_listed_below_table_newest_last() -> None:
     now = progress()
     before = picture(now)
     now.events += [LOST, SETTLED]
@@ -170,7 +172,7 @@ def test_what_happens_stands_below_the_table_the_newest_last() -> None:
 
 @pytest.mark.parametrize("height", [8, 10, 11, 12, 24])
 @pytest.mark.parametrize("width", [60, 80])
-def test_events_take_the_room_that_is_left_and_no_more(height: int, width: int) -> None:
+def test_events_use_at_most_the_remaining_lines(height: int, width: int) -> None:
     now = progress()
     now.events += [LOST._replace(text=f"{number} " + "long " * 50) for number in range(60)]
     lines = picture(now, width, height)
@@ -181,13 +183,13 @@ def test_events_take_the_room_that_is_left_and_no_more(height: int, width: int) 
     assert all("robot4 lost: 59 " in text for text in reported[-1:])
 
 
-def test_events_come_with_the_snapshots() -> None:
+def test_snapshot_adds_its_events_to_progress() -> None:
     now = progress()
     now.add_snapshot(Snapshot.of({**SILENT, "events": [LOST._asdict(), SETTLED._asdict()]}))
     assert list(now.events) == [LOST, SETTLED]
 
 
-def test_a_fleet_that_is_watched_has_no_end_to_wait_for() -> None:
+def test_watch_without_duration_shows_only_elapsed_time() -> None:
     now = progress()
     now.duration = None
     assert picture(now)[-1] == "watched for 12 s, Ctrl-C ends it"
@@ -202,7 +204,7 @@ def test_unanswered_connection_shows_message_instead_of_table() -> None:
     assert line(now) == "  0.0 s  no process answers at tcp/x"
 
 
-def test_lines_for_a_log_tell_each_event_and_each_note_once() -> None:
+def test_plain_lines_print_each_event_and_note_once() -> None:
     stream = io.StringIO()
     view, now = PlainLines(stream), Progress(load("six_robots"), phase="running", note="looking")
     view.show(now)
@@ -236,11 +238,11 @@ def test_live_table_is_redrawn_in_place_and_remains(monkeypatch: pytest.MonkeyPa
         assert "\x1b[1A" not in terminal.getvalue()
         now.elapsed = 13.0
         view.show(now)
-        assert "\x1b[1A" in terminal.getvalue()  # up, over what was there
+        assert "\x1b[1A" in terminal.getvalue()  # moves up, to overwrite the old table
     assert "13 of 30 s" in terminal.getvalue()
 
 
-def test_plain_lines_come_every_two_seconds_or_event(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plain_lines_come_every_two_seconds_and_at_process_end(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count(1000)
     monkeypatch.setattr("formation.deploy.terminal.views.time.monotonic", lambda: 0.1 * next(ticks))
     stream = io.StringIO()
@@ -254,21 +256,21 @@ def test_plain_lines_come_every_two_seconds_or_event(monkeypatch: pytest.MonkeyP
     assert stream.getvalue().splitlines()[2:] == ["monitor ended with exit code 1 during the run"]
 
 
-def test_a_line_counts_the_states() -> None:
+def test_plain_line_counts_robots_by_state() -> None:
     assert line(progress(robots={"robot2": RUNNING._replace(state="hold")})) == (
         " 12.0 of 30 s  error 1.25 m  5 run, 1 hold"
     )
     assert "no word from the monitor" in line(replace(progress(), snapshot=None))
 
 
-def test_a_sparkline_is_logarithmic_and_never_wider_than_its_room() -> None:
+def test_sparkline_is_logarithmic_and_within_its_width() -> None:
     assert sparkline([10.0 ** -(k / 7) for k in range(8)], 80) == BLOCKS[::-1]
     assert len(sparkline([1.0] * 1000, 20)) == 20
     assert sparkline([], 20) == ""
     assert set(sparkline([0.0, 1e-9, 5.0], 3, ASCII_BLOCKS)) <= set(ASCII_BLOCKS)
 
 
-def test_noise_around_one_value_is_drawn_flat() -> None:
+def test_sparkline_of_small_noise_is_flat() -> None:
     assert len(set(sparkline([1.0, 1.01, 0.99, 1.02], 4))) == 1
 
 
@@ -280,18 +282,18 @@ def test_noise_around_one_value_is_drawn_flat() -> None:
         (0.996, "1.00 m"), (12.345, "12.35 m"),
     ],
 )  # fmt: skip
-def test_lengths_are_short_and_never_change_unit_by_rounding(length: float | None, text: str) -> None:
+def test_metres_chooses_unit_after_rounding(length: float | None, text: str) -> None:
     assert metres(length) == text
 
 
 @pytest.mark.parametrize(
     ("time", "text"), [(None, "-"), (math.inf, "-"), (0.031, "31 ms"), (0.9996, "1 s"), (12.3, "12 s")]
 )
-def test_times_are_short(time: float | None, text: str) -> None:
+def test_seconds_gives_short_text(time: float | None, text: str) -> None:
     assert seconds(time) == text
 
 
-def test_error_over_the_known_edges_says_how_many() -> None:
+def test_partial_error_shows_known_and_unknown_edges() -> None:
     now = progress()
     now.add_snapshot(Snapshot.of(SILENT))
     text = picture(now)
@@ -310,7 +312,7 @@ def drawn(event: dict[str, Any], *, dead: str = "", ascii_only: bool = False) ->
 
 
 def failed_over() -> dict[str, Any]:
-    """What the monitor's snapshot says once spare1 has taken robot1's place."""
+    """Snapshot of the monitor after spare1 has taken over from robot1."""
     team = Team(12.0)
     team.fail_over()
     return as_json(team.seen)

@@ -22,7 +22,7 @@ TYPES: dict[str, type[Any]] = {
     "DiagnosticSummary": theirs.DiagnosticsSummaryConfig,
     "RosOut": theirs.LogConfig,
 }
-"""What may be set in a panel, by what a layout file calls its type, as Foxglove's own SDK has it."""
+"""Class of the legal settings of each panel type, from Foxglove's own SDK."""
 
 
 @pytest.fixture(params=NAMES)
@@ -42,11 +42,11 @@ def leaves(node: Any) -> Iterator[str]:
 
 
 def assert_legal(settings: dict[str, Any], kind: type[Any]) -> None:
-    """Settings are spelled as in a file of Foxglove's."""
+    """Check that the settings are named as in a file of Foxglove."""
     assert settings.keys() <= kind(**{field.name: None for field in fields(kind)})._to_dict().keys()
 
 
-def test_every_panel_has_its_place_and_every_place_its_panel(mission: Mission) -> None:
+def test_panels_and_places_in_the_layout_match(mission: Mission) -> None:
     made = json.loads(text(mission))
     places = list(leaves(made["layout"]))
     assert sorted(places) == sorted(made["configById"])
@@ -56,7 +56,7 @@ def test_every_panel_has_its_place_and_every_place_its_panel(mission: Mission) -
 def test_panel_settings_are_legal_in_foxglove(mission: Mission) -> None:
     panels = layout(mission)["configById"]
     for panel, config in panels.items():
-        own = {key: value for key, value in config.items() if key != "foxglovePanelTitle"}  # of every panel
+        own = {key: value for key, value in config.items() if key != "foxglovePanelTitle"}  # for every panel
         assert_legal(own, TYPES[panel.partition("!")[0]])
     three = panels["3D!positions"]
     assert_legal(three["cameraState"], theirs.ThreeDeeCameraState)
@@ -78,7 +78,7 @@ def test_layout_topics_exist_and_series_are_numbers(name: str, kind: str) -> Non
     plots = [config for panel, config in panels.items() if panel.startswith("Plot!")]
     for value in (path["value"] for plot in plots for path in plot["paths"]):
         if not value.startswith("/"):
-            assert float(value)  # a line across
+            assert float(value)  # a constant line
             continue
         topic, *path = value.split(".")
         ros_type = types[topic]

@@ -24,9 +24,9 @@ NO_UNIT = (
 
 def seen(*, without: str = "") -> Snapshot:
     fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
-    said = [command(name, 10.99, 0.75, 0.3) for name in ("robot4", "robot9")]
+    commands = [command(name, 10.99, 0.75, 0.3) for name in ("robot4", "robot9")]
     positions = fleet.positions(10.0, 11.0, without=without)
-    metrics = received(fleet, *positions, status("robot4", 10.9, "hold"), *said)
+    metrics = received(fleet, *positions, status("robot4", 10.9, "hold"), *commands)
     metrics.observe(now(11.0))
     return metrics.snapshot(now(11.0))
 
@@ -38,13 +38,13 @@ def families(snapshot: Snapshot, recording: Any = None) -> dict[str, Metric]:
 
 
 def value(found: dict[str, Metric], name: str, **labels: str) -> float | None:
-    """Of the one sample of `formation_NAME` with these labels; None if there is none."""
+    """Value of the one sample of `formation_NAME` with these labels; None if there is none."""
     values = [one.value for one in found[f"formation_{name}"].samples if one.labels == labels]
     assert len(values) <= 1
     return values[0] if values else None
 
 
-def test_the_figures_are_those_of_the_snapshot() -> None:
+def test_exported_values_equal_the_snapshot() -> None:
     snapshot, found = seen(), families(seen())
     assert value(found, "error_meters") == pytest.approx(snapshot.formation_error)
     assert value(found, "converged") == 0.0
@@ -57,7 +57,7 @@ def test_the_figures_are_those_of_the_snapshot() -> None:
     assert value(found, "edge_error_meters", robot="robot3", edge="robot3-robot2") == pytest.approx(0.25)
 
 
-def test_every_key_has_its_counts_rate_and_age() -> None:
+def test_every_key_has_counts_and_a_rate() -> None:
     found = families(seen())
     key = {"robot": "robot2", "key": "robot2/position"}
     assert value(found, "key_rate_hertz", **key) == pytest.approx(20.0, abs=0.5)
@@ -80,7 +80,7 @@ def test_unknown_values_are_omitted_instead_of_zero() -> None:
     assert value(found, "robot_position_age_seconds", robot="robot4") is not None
 
 
-def test_the_recording_is_told_where_there_is_one() -> None:
+def test_recording_is_exported_only_if_there_is_one() -> None:
     found = families(seen(), RECORDING)
     assert value(found, "recording_bytes") == 4711.0
     assert value(found, "recording_failed") == 0.0
@@ -89,7 +89,7 @@ def test_the_recording_is_told_where_there_is_one() -> None:
     assert not [name for name in families(seen()) if "recording" in name]
 
 
-def test_names_say_their_units_and_everything_has_a_word_of_help() -> None:
+def test_names_contain_units_and_everything_has_help() -> None:
     for name, family in families(seen(), RECORDING).items():
         assert re.fullmatch(rf"formation_(\w+_)?{UNITS}|formation_{NO_UNIT}", name), name
         assert family.documentation

@@ -63,7 +63,7 @@ def test_each_robot_joins_once() -> None:
     ("state", "reason", "level"), [("run", "in formation control", 40), ("stop", "SIGTERM", 30)]
 )
 def test_silent_robot_is_lost_within_1_2_seconds(state: str, reason: str, level: int) -> None:
-    """After an announced stop that is only a warning."""
+    """After state stop, that is only a warning."""
     one = Watcher()
     one.drive(15.0, status("robot3", 14.9, state, reason))
     (lost,) = of(one.drive(18.0, without="robot3"), "lost")
@@ -73,7 +73,7 @@ def test_silent_robot_is_lost_within_1_2_seconds(state: str, reason: str, level:
     assert lost.text.endswith(f"last state: {state}")
 
 
-def test_returned_robot_reports_duration_of_silence() -> None:
+def test_back_event_gives_duration_of_silence() -> None:
     one = Watcher()
     one.drive(15.0)
     one.drive(20.0, without="robot3")
@@ -82,7 +82,7 @@ def test_returned_robot_reports_duration_of_silence() -> None:
     ]
 
 
-def test_silent_robot_without_history_is_not_lost() -> None:
+def test_robot_never_received_is_not_lost() -> None:
     events = Watcher().drive(20.0, without="robot5")
     assert not of(events, "lost")
     assert "robot5" not in {event.robot for event in of(events, "joined")}
@@ -123,7 +123,7 @@ NO_ORDER = ("waiting", "no order from the leader yet")
     ],
     ids=["changes", "healthy start"],
 )  # fmt: skip
-def test_changed_states_are_events(
+def test_state_changes_are_events(
     states: list[tuple[str, str]], reported: list[tuple[str, int, str]]
 ) -> None:
     samples = [status("robot2", 10.5 + i / 2, *words) for i, words in enumerate(states)]
@@ -132,7 +132,7 @@ def test_changed_states_are_events(
     assert found[1:] == reported  # after "joined"
 
 
-def test_a_robot_that_cannot_start_is_a_warning() -> None:
+def test_robot_that_cannot_start_causes_a_warning() -> None:
     samples = [status("robot2", 10.5 + i / 2, "hold", "no link to the robot") for i in range(20)]
     (held,) = of(Watcher().drive(20.0, *samples), "held")
     assert (held.robot, held.level, held.text) == ("robot2", 30, "no link to the robot")
@@ -151,14 +151,14 @@ def astray(is_off: Callable[[float], bool], by: float) -> Watcher:
     return Watcher(Fleet(away=lambda robot, t: by * 1j if robot == "robot6" and is_off(t) else 0j))
 
 
-def test_settled_event_survives_brief_error_at_bound() -> None:
+def test_brief_error_above_the_bound_causes_no_unsettled_event() -> None:
     one = astray(lambda t: t % 3.0 < 0.15 and t > 15.0, 0.06)
     (settled,) = of(one.drive(30.0), "settled", "unsettled")
     assert settled.at - EPOCH == pytest.approx(12.1, abs=0.2)
     assert settled[1:] == (20, "", "settled", "under the bound of 50 mm since 0.0 s")
 
 
-def test_settled_event_without_known_time_omits_it() -> None:
+def test_settled_event_omits_an_unknown_time() -> None:
     one = Watcher()
     one.drive(12.0)
     touching = replace(one.seen, converged=True, settled_at=None)
@@ -169,7 +169,7 @@ def test_settled_event_without_known_time_omits_it() -> None:
     assert [event.text for event in of(reported, "settled")] == ["under the bound of 50 mm"]
 
 
-def test_a_formation_that_is_driven_apart_is_unsettled_and_settles_again() -> None:
+def test_large_error_is_reported_as_unsettled_then_settled() -> None:
     _, unsettled, again = of(astray(lambda t: 15.0 < t < 20.0, 0.3).drive(25.0), "settled", "unsettled")
     assert unsettled.at - EPOCH == pytest.approx(16.1, abs=0.2)
     assert unsettled[1:] == (30, "", "unsettled", "error 600 mm, the bound of 50 mm")
@@ -181,7 +181,7 @@ def test_oscillating_error_is_reported_as_unsettled_once() -> None:
     assert [event.kind for event in of(one.drive(60.0), "settled", "unsettled")] == ["settled", "unsettled"]
 
 
-def test_a_formation_of_which_a_robot_is_lost_has_not_settled() -> None:
+def test_lost_robot_unsettles_the_formation() -> None:
     one = Watcher()
     one.drive(15.0)
     (unsettled,) = of(one.drive(20.0, without="robot4"), "unsettled")
@@ -189,13 +189,13 @@ def test_a_formation_of_which_a_robot_is_lost_has_not_settled() -> None:
     assert unsettled.text == f"error 0 mm over {over}, the bound of 50 mm"
 
 
-def test_the_end_of_a_run_unsettles_nothing() -> None:
+def test_end_of_run_causes_no_unsettled_event() -> None:
     one = Watcher()
     one.drive(15.0)
     assert not of(one.run_until(30.0, []), "unsettled")
 
 
-def test_rejected_messages_are_told_at_once_and_then_by_the_count() -> None:
+def test_rejections_are_reported_at_once_then_counted_periodically() -> None:
     one = Watcher()
     one.drive(12.0)
     bad = [command("robot2", 12.0 + i / 20, 0.1, 0.1)._replace(payload=b"rubbish") for i in range(500)]
@@ -220,11 +220,11 @@ def test_malformed_messages_do_not_flood_events() -> None:
     events = of(one.drive(22.0, *rubbish), "rejected")
     assert MAX_REJECTION_KINDS <= len(events) <= 2 * MAX_REJECTION_KINDS + 1
     later = of(one.drive(22.0 + 4 * REJECTION_PERIOD), "rejected")
-    told = {event.text.partition(" (")[0] for event in events + later}
-    assert len(told) == len(one.monitor.metrics.rejections.by_reason)
+    kinds = {event.text.partition(" (")[0] for event in events + later}
+    assert len(kinds) == len(one.monitor.metrics.rejections.by_reason)
 
 
-def test_of_many_kinds_that_flood_all_have_their_turn() -> None:
+def test_every_rejection_kind_is_reported_during_a_flood() -> None:
     one = Watcher()
     one.drive(12.0)
     quiet = one.monitor.metrics.snapshot(now(12.0))
@@ -236,7 +236,7 @@ def test_of_many_kinds_that_flood_all_have_their_turn() -> None:
     assert reported == set(flood)
 
 
-def test_unstable_radio_link_limits_events_and_counts_changes() -> None:
+def test_events_of_unstable_radio_link_are_limited_and_counted() -> None:
     one = Watcher()
     one.drive(12.0)
     for _ in range(30):  # gone for 1.5 s and back for one
@@ -278,7 +278,7 @@ def test_event_survives_encoding_with_any_text() -> None:
     assert from_message(to_message(event._replace(robot=""))).robot == ""
 
 
-def test_the_newest_thousand_are_kept() -> None:
+def test_monitor_keeps_newest_thousand_events() -> None:
     monitor = Monitor(Fleet().mission)
     for i in range(1200):
         monitor.note(Event(1010.0, 20, "", "operator", str(i)))
@@ -322,7 +322,7 @@ STATUSES: list[tuple[str, str, list[dict[str, Any]], list[tuple[int, str]]]] = [
 
 
 @pytest.mark.parametrize(("robot", "kinds", "states", "reported"), STATUSES, ids=[one[1] for one in STATUSES])
-def test_changes_of_a_status_are_events(
+def test_status_changes_are_events(
     robot: str, kinds: str, states: list[dict[str, Any]], reported: list[tuple[int, str]]
 ) -> None:
     samples = [status(robot, 11.0 + n / 2, "run", **values) for n, values in enumerate(states)]
@@ -348,7 +348,7 @@ AVOIDS = {**CLEAR, "avoiding": True}
         ("run", {}, ""),
     ],
 )
-def test_status_tells_why_robot_deviates_from_law(state: str, words: dict[str, Any], does: str) -> None:
+def test_avoiding_state_follows_from_status(state: str, words: dict[str, Any], does: str) -> None:
     metrics = received(Fleet(), status("robot4", 11.5, state, deadlocks=2, **words))
     snapshot = metrics.snapshot(now(12.0))
     assert snapshot.robots["robot4"].avoiding == does
@@ -360,7 +360,7 @@ def test_status_tells_why_robot_deviates_from_law(state: str, words: dict[str, A
 @pytest.mark.parametrize(
     ("text", "count"), [("3", 3), ("0", 0), ("-1", 0), ("many", 0), ("9" * 400, 0), ("x³", 0)]
 )
-def test_deadlocks_are_counted_and_damaged_counts_rejected(text: str, count: int) -> None:
+def test_invalid_deadlock_count_is_read_as_zero(text: str, count: int) -> None:
     what = {"kind": "agent", "robot": "robot4", "state": "run", "reason": "running", "deadlocks": text}
     message = Diagnostics(11.5 + EPOCH, (Status("", 0, "", "", what),))
     snapshot = received(Fleet(), sample_of(STATUS.key("robot4"), message, 11.5)).snapshot(now(12.0))
@@ -380,14 +380,14 @@ def test_events_report_avoiding_blocked_and_finally_clear() -> None:
     assert len(of(reported, "avoiding")) == 1
 
 
-def test_line_tells_how_far_odometry_alone_would_be_off() -> None:
+def test_summary_line_gives_odometry_drift() -> None:
     seeing = status("robot4", 11.5, "run", sight=Sight.LOCKED, sight_correction=0.12)
     snapshot = received(Fleet(), seeing).snapshot(now(12.0))
     assert "(odometry alone would be off by up to 120.0 mm: robot4)" in line(snapshot)
     assert as_json(snapshot)["robots"]["robot4"]["sight"] == "locked"
 
 
-def test_report_says_how_long_robots_avoided_and_were_blocked(tmp_path: Path) -> None:
+def test_report_contains_durations_of_avoiding_and_blocking(tmp_path: Path) -> None:
     words = {10.0: AVOIDS, 11.0: {"zone": Zone.STOP, "deadlocks": 1}, 12.5: {**CLEAR, "deadlocks": 1}}
     samples = [one for one in talk(Fleet(), 4.0) if one.key != STATUS.key("robot4")]
     held = {at: max(since for since in words if since <= at) for at in (10.0 + n / 2 for n in range(8))}
@@ -422,7 +422,7 @@ def test_each_changed_part_of_the_order_is_an_event() -> None:
     assert {event.robot for event in events} == {""}
 
 
-def test_a_shape_that_has_moved_is_reported_as_formed() -> None:
+def test_end_of_shape_transition_is_reported_as_formed() -> None:
     def wants(time: float) -> dict[str, Any]:
         part = min(max((time - 15.0) / 3.0, 0.0), 1.0)
         if not 0.0 < part < 1.0:
@@ -438,50 +438,50 @@ def test_a_shape_that_has_moved_is_reported_as_formed() -> None:
     assert re.search(r"since 8\.\d s, 3\.[01] s after what was ordered last$", again.text)
 
 
-def with_words(at: float, **values: Any) -> Sample:
+def with_attachment(at: float, **values: Any) -> Sample:
     """A position of robot3 with these values in its attachment."""
     attachment = PositionAttachment.model_validate({"publisher_id": "a", "count": 1, **values})
     return Fleet().position("robot3", at)._replace(attachment=order.encode(attachment))
 
 
-def test_coming_in_at_the_start_is_no_warning() -> None:
-    (event,) = of(Watcher().run_until(10.1, [with_words(10.001, unavailable=True)]), "unavailable")
+def test_unavailable_at_the_start_is_no_warning() -> None:
+    (event,) = of(Watcher().run_until(10.1, [with_attachment(10.001, unavailable=True)]), "unavailable")
     assert (event.robot, event.level) == ("robot3", 20)
 
 
 def test_unavailable_and_following_again_are_events() -> None:
     one = Watcher()
     one.drive(11.0)
-    (unavailable,) = of(one.drive(12.0, with_words(11.501, unavailable=True)), "unavailable")
+    (unavailable,) = of(one.drive(12.0, with_attachment(11.501, unavailable=True)), "unavailable")
     assert (unavailable.robot, unavailable.level) == ("robot3", 30)
     assert one.seen.robots["robot3"].unavailable
-    (follows,) = of(one.drive(13.0, with_words(12.501, count=2)), "follows")
+    (follows,) = of(one.drive(13.0, with_attachment(12.501, count=2)), "follows")
     assert (follows.robot, follows.level) == ("robot3", 20)
 
 
 def test_restarted_process_is_reported_once() -> None:
-    samples = [with_words(11.001 + n / 2, publisher_id=one, count=n) for n, one in enumerate("aabab")]
+    samples = [with_attachment(11.001 + n / 2, publisher_id=one, count=n) for n, one in enumerate("aabab")]
     (restarted,) = of(Watcher().drive(15.0, *samples), "restarted")
     assert (restarted.robot, restarted.level) == ("robot3", 30)
 
 
-def saying(robot: str, at: float, requested: str) -> Sample:
-    """A leader's status with this under ``requested``."""
+def status_with_requests(robot: str, at: float, requested: str) -> Sample:
+    """A leader's status with this under `requests`."""
     values = {"kind": "leader", "robot": robot, "state": "run", "requests": requested}
     return sample_of(STATUS.key(robot), Diagnostics(at + EPOCH, (Status("", 0, "", "", values),)), at)
 
 
-def test_operator_request_is_reported_once_with_its_answer() -> None:
+def test_operator_request_is_reported_once_with_its_reply() -> None:
     requested = [
         {"do": "shape", "shape": "wedge", "id": "a1", "ok": True, "reason": "in 4.2 s"},
         {"do": "speed", "speed": 9.0, "degrees": 45.0, "id": "b2", "ok": False, "reason": "at most 1.5 m/s"},
     ]
-    stop = {"do": "stop", "id": "a1", "ok": True, "reason": ""}  # an id is of one kind of order
+    stop = {"do": "stop", "id": "a1", "ok": True, "reason": ""}  # ids count per kind of request
     samples = [
-        saying("robot1", 11.0 + n / 2, json.dumps(requested if n < 3 else [*requested, stop]))
+        status_with_requests("robot1", 11.0 + n / 2, json.dumps(requested if n < 3 else [*requested, stop]))
         for n in range(6)
     ]
-    other = saying("spare1", 14.2, json.dumps([stop]))
+    other = status_with_requests("spare1", 14.2, json.dumps([stop]))
     events = of(Watcher(Fleet(with_standbys())).drive(16.0, *samples, other), "requested")
     assert [(event.robot, event.level, event.text) for event in events] == [
         ("robot1", 20, "shape wedge; it obeys: in 4.2 s"),
@@ -495,5 +495,5 @@ def test_operator_request_is_reported_once_with_its_answer() -> None:
     "requested",
     ["", "5", "[[]]", "[" * 5000, '[{"do": "dance", "id": "x"}]', '[{"do": "stop"}]', '{"do": "stop"}'],
 )
-def test_malformed_list_of_requests_is_no_event(requested: str) -> None:
-    assert not of(Watcher().drive(13.0, saying("robot1", 11.0, requested)), "requested")
+def test_malformed_requests_cause_no_event(requested: str) -> None:
+    assert not of(Watcher().drive(13.0, status_with_requests("robot1", 11.0, requested)), "requested")

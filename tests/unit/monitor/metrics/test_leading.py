@@ -60,7 +60,7 @@ def test_leader_is_known_by_the_term_of_orders() -> None:
     assert leader_of(Fleet().mission, 643) == "robot1"
 
 
-def test_without_standbys_no_candidates_are_shown() -> None:
+def test_mission_without_standbys_shows_no_candidates() -> None:
     one = Watcher()
     one.drive(15.0)
     assert (one.seen.leads, one.seen.candidates) == ("robot1", {})
@@ -68,7 +68,7 @@ def test_without_standbys_no_candidates_are_shown() -> None:
     assert "leads" not in line(one.seen)
 
 
-def test_everything_that_standbys_say_is_listened_to_and_status_comes_last() -> None:
+def test_standby_topics_are_subscribed_with_status_last() -> None:
     mission = with_standbys()
     keys = [one.key for one in watched(mission)]
     last = min(keys.index(STATUS.key(name)) for name in mission.candidates)
@@ -91,14 +91,14 @@ def test_leading_standby_is_reported_with_time_without_leader() -> None:
     seen = team.seen
     assert seen.leads == "spare1"
     assert "spare1 leads, robot1 could not" in line(seen)
-    leader = seen.robots["robot1"]  # is present while any candidate leads
+    leader = seen.robots["robot1"]  # shown while any candidate leads
     assert leader.state == "run"
     assert leader.age is not None
     assert leader.age < 0.1
     assert seen.formation_error == pytest.approx(0.0, abs=1e-6)
 
 
-def test_returning_leader_becomes_standby() -> None:
+def test_returning_leader_is_shown_as_standby() -> None:
     team = Team()
     team.fail_over()
     team.alive["robot1"] = "standby"
@@ -119,7 +119,7 @@ def test_dead_standby_is_lost_with_warning_only() -> None:
     assert set(team.seen.robots) == set(team.fleet.mission.names)
 
 
-def test_without_leader_none_is_named() -> None:
+def test_monitor_shows_no_leader_after_the_leader_is_lost() -> None:
     team = Team()
     del team.alive["robot1"]
     events = team.go_on(18.0, without="robot1")
@@ -128,7 +128,7 @@ def test_without_leader_none_is_named() -> None:
     assert [(event.robot, event.level) for event in of(events, "lost")] == [("robot1", 40)]
 
 
-def test_a_former_leaders_positions_are_not_shown_and_are_nobodys_error() -> None:
+def test_positions_of_a_former_leader_are_rejected() -> None:
     team = Team()
     team.fail_over()
     metrics, at = team.monitor.metrics, team.at
@@ -155,12 +155,12 @@ def test_new_leader_with_slow_clock_is_shown_soon() -> None:
     assert not snapshot.rejected
 
 
-def test_a_term_from_the_day_after_tomorrow_counts_for_nothing() -> None:
+def test_order_with_far_future_term_is_ignored() -> None:
     fleet = Fleet(with_standbys(), term=int((EPOCH + 2e5) * 1e9))
     assert received(fleet, fleet.position("robot1", 10.0)).orders.newest is None
 
 
-def test_ballots_are_checked_like_everything_else() -> None:
+def test_invalid_ballots_are_rejected_and_counted() -> None:
     metrics = Metrics(with_standbys())
     good = Ballot(term=SECOND, number=1, candidacy="candidate", mission=with_standbys().tag)
     ballot = Text(order.encode(good).decode())

@@ -66,7 +66,7 @@ def test_robot_without_valid_positions_makes_only_its_edges_unknown(malformed: b
     assert snapshot.robots["robot5"].age == pytest.approx(1.0, abs=0.06)
 
 
-def test_nothing_is_interpolated_across_a_gap() -> None:
+def test_positions_are_not_interpolated_across_a_gap() -> None:
     fleet = Fleet()
     samples = fleet.positions(10.0, 12.0)
     gap = [s for s in samples if s.key == POSITION.key("robot3") and 10.9 < s.arrived < 11.9]
@@ -101,7 +101,7 @@ def test_true_error_needs_the_true_position_of_every_follower() -> None:
     assert metrics.snapshot(now(11.0)).formation_error_true is None
     receive(metrics, last)
     snapshot = metrics.snapshot(now(11.0))
-    assert snapshot.formation_error == pytest.approx(0.0, abs=1e-9)  # of the positions that robots believe
+    assert snapshot.formation_error == pytest.approx(0.0, abs=1e-9)  # of the positions that robots publish
     # robot2 has edges to 1, and from 3 and 4
     assert snapshot.formation_error_true == pytest.approx(0.3, abs=1e-9)
 
@@ -114,19 +114,19 @@ def test_heading_error_is_estimate_minus_truth_if_known() -> None:
     assert (robots["robot4"].heading_error, robots["robot1"].heading_error) == (None, None)
 
 
-def test_shape_and_mode_are_those_that_the_leader_orders() -> None:
+def test_shape_and_mode_come_from_the_leaders_order() -> None:
     fleet = Fleet(shape="wedge", mode="hold")
     snapshot = received(fleet, *fleet.positions(10.0, 11.0)).snapshot(now(11.0))
     assert (snapshot.shape, snapshot.mode) == ("wedge", "hold")
     assert snapshot.formation_error == pytest.approx(0.0, abs=1e-9)
 
 
-def test_an_unknown_shape_or_an_outdated_order_changes_nothing() -> None:
+def test_unknown_shape_and_outdated_order_are_ignored() -> None:
     fleet = Fleet()
     metrics = received(fleet, *fleet.positions(10.0, 11.0))
     beat, fleet.beat = fleet.beat, 0
     fleet.mode = "stop"
-    receive(metrics, [fleet.position("robot1", 11.01)])  # the leader's position is news, its order is not
+    receive(metrics, [fleet.position("robot1", 11.01)])  # the leader's position is new, its order is not
     fleet.beat, fleet.shape = beat, "hexagon"
     sample = fleet.position("robot1", 11.02)
     banana = (sample.attachment or b"").replace(b"hexagon", b"banana")
@@ -137,14 +137,14 @@ def test_an_unknown_shape_or_an_outdated_order_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("mission", ["turtlebot3_pair", "two_chains"])
-def test_every_shipped_mission_can_be_watched(mission: str) -> None:
+def test_formation_error_is_zero_in_other_shipped_missions(mission: str) -> None:
     fleet = Fleet(load(mission), shape=load(mission).first_shape)
     metrics = received(fleet, *fleet.positions(10.0, 11.0))
     assert metrics.observe(now(11.0)) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("hours", [-1.0, 1.0])
-def test_robots_are_still_seen_when_our_clock_was_set(hours: float) -> None:
+def test_monitor_clock_change_causes_no_error_or_rejection(hours: float) -> None:
     fleet, offset = Fleet(), EPOCH + 3600.0 * hours
     metrics = received(fleet, *fleet.positions(10.0, 12.0))
     assert metrics.snapshot(now(12.0)).formation_error == pytest.approx(0.0, abs=1e-6)
@@ -155,7 +155,7 @@ def test_robots_are_still_seen_when_our_clock_was_set(hours: float) -> None:
     assert not after.rejected
 
 
-def test_robot_with_wrong_clock_is_still_compared() -> None:
+def test_wrong_clock_of_a_robot_causes_no_error() -> None:
     fleet = Fleet()
     slow = [fleet.position("robot4", time, clock=-900.0) for time in fleet.times("robot4", 10.0, 11.0)]
     metrics = received(fleet, *fleet.positions(10.0, 11.0, without="robot4"), *slow)
@@ -164,7 +164,7 @@ def test_robot_with_wrong_clock_is_still_compared() -> None:
     assert snapshot.robots["robot4"].keys[POSITION.key("robot4")].clock == pytest.approx(900.0)
 
 
-def test_forged_future_stamp_does_not_silence_honest_messages() -> None:
+def test_position_with_future_stamp_does_not_block_valid_ones() -> None:
     fleet = Fleet()
     metrics = received(fleet, *fleet.positions(10.0, 11.0))
     metrics.process_sample(fleet.position("robot4", 11.01, clock=500.0), 11.01 + EPOCH)
@@ -173,7 +173,7 @@ def test_forged_future_stamp_does_not_silence_honest_messages() -> None:
     assert metrics.rejections.by_reason == {"robot4/position: stamp is in the future": 1}
 
 
-def test_a_replayed_position_is_refused_and_counted() -> None:
+def test_replayed_positions_are_rejected_and_counted() -> None:
     fleet = Fleet()
     metrics = received(fleet, *fleet.positions(10.0, 11.0))
     old = fleet.positions(10.0, 10.5)
@@ -190,7 +190,7 @@ def test_recent_command_is_shown_with_share_of_limit() -> None:
     assert metrics.snapshot(now(11.0)).robots["robot2"].speed is None
 
 
-def test_a_robot_that_takes_stamped_twists_is_read_as_such() -> None:
+def test_command_must_have_the_robots_message_type() -> None:
     mission = load("turtlebot3_pair")
     metrics, name = Metrics(mission), mission.followers[0]
     stamped = mission.robots[name].cmd_vel == "twist_stamped"
@@ -201,16 +201,16 @@ def test_a_robot_that_takes_stamped_twists_is_read_as_such() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at", "says"),
+    ("at", "expected"),
     [(11.0, ("hold", "odometry silent for 0.20 s")), (12.0, ("silent", "no status for 2.0 s"))],
 )
-def test_state_and_reason_come_from_status_until_silent(at: float, says: tuple[str, str]) -> None:
+def test_state_and_reason_come_from_status_until_silent(at: float, expected: tuple[str, str]) -> None:
     metrics = received(Fleet(), status("robot2", 10.0, "hold", "odometry silent for 0.20 s"))
     robot = metrics.snapshot(now(at)).robots["robot2"]
-    assert (robot.state, robot.reason) == says
+    assert (robot.state, robot.reason) == expected
 
 
-def test_rate_age_count_and_missed_periods_are_of_each_key() -> None:
+def test_each_key_has_rate_age_count_and_missed_periods() -> None:
     times = [10.0 + i / 20 for i in range(41) if i not in {15, 20, 21}]
     metrics = received(Fleet(), *[odometry("robot2", time) for time in times])
     robots = [metrics.snapshot(now(at)).robots["robot2"] for at in (12.01, 14.0)]
@@ -221,12 +221,12 @@ def test_rate_age_count_and_missed_periods_are_of_each_key() -> None:
     assert later.rate == pytest.approx(31 / (33 / 20 + 2.0), rel=1e-6)
 
 
-def test_a_pause_of_seconds_is_not_counted_as_missed_messages() -> None:
+def test_long_pause_is_not_counted_as_missed_messages() -> None:
     metrics = received(Fleet(), odometry("robot2", 10.0), odometry("robot2", 15.0), odometry("robot2", 15.05))
     assert metrics.snapshot(now(15.1)).missed == 0
 
 
-def test_malformed_messages_are_counted_by_reason_and_crash_nothing() -> None:
+def test_malformed_messages_are_counted_by_key_and_reason() -> None:
     fleet = Fleet()
     good = fleet.position("robot2", 10.0)
     bad = [
@@ -245,7 +245,7 @@ def test_malformed_messages_are_counted_by_reason_and_crash_nothing() -> None:
     assert metrics.snapshot(now(10.1)).formation_error is None
 
 
-def test_reasons_do_not_multiply_however_much_rubbish_comes() -> None:
+def test_number_of_rejection_reasons_is_bounded() -> None:
     metrics = Metrics(load("six_robots"))
     for i in range(10, 10_010):
         metrics.rejections.count(f"robot{i}/odom", f"speed is {i}.5e+20, must be a number")
@@ -254,13 +254,13 @@ def test_reasons_do_not_multiply_however_much_rubbish_comes() -> None:
     assert metrics.rejections.by_reason["robot2/odom: speed is #, must be a number"] == 10_000
 
 
-def test_a_key_without_a_codec_is_counted_all_the_same() -> None:
+def test_message_without_codec_is_counted() -> None:
     metrics = received(Fleet(), Sample(SCAN.key("robot2"), b"anything", None, 10.0))
     assert metrics.snapshot(now(10.0)).robots["robot2"].keys[SCAN.key("robot2")].count == 1
     assert not metrics.rejections.by_key
 
 
-def test_no_mutated_message_gets_past_the_codec_or_stops_the_monitor() -> None:
+def test_mutated_messages_do_not_crash_metrics() -> None:
     fleet, rng = Fleet(), random.Random(7)
     good = [
         *fleet.positions(10.0, 10.1), odometry("robot2", 10.0), command("robot2", 10.0, 0.1, 0.2),
@@ -278,14 +278,14 @@ def test_no_mutated_message_gets_past_the_codec_or_stops_the_monitor() -> None:
 
 
 def along(*samples: tuple[float, complex, float], most: int = 100) -> Trajectory:
-    """Samples of moment, point and angle, of which two at most 0.3 s apart are interpolated."""
+    """Trajectory of (moment, point, angle); it interpolates samples at most 0.3 s apart."""
     trajectory = Trajectory(most, 0.3)
     for moment, point, angle in samples:
         trajectory.add(Placed(moment, point, cmath.rect(1.0, angle)))
     return trajectory
 
 
-def test_a_turning_robot_is_interpolated_along_the_arc_of_its_heading() -> None:
+def test_heading_is_interpolated_along_the_arc() -> None:
     placed = along((0.0, 0j, 3.0), (0.1, 1 + 2j, 3.4)).at(0.025)
     assert placed is not None
     assert placed.point == pytest.approx(0.25 + 0.5j)
@@ -307,14 +307,14 @@ def test_distant_samples_are_not_interpolated() -> None:
 
 
 @pytest.mark.parametrize("moment", [0.1, 0.05])
-def test_only_later_samples_are_taken(moment: float) -> None:
+def test_trajectory_refuses_samples_that_are_not_later(moment: float) -> None:
     trajectory = along((0.0, 0j, 0.0), (0.1, 1j, 0.0))
     with pytest.raises(BadMessage, match="not later"):
         trajectory.add(Placed(moment, 9j, 1 + 0j))
     assert trajectory.at(0.1) == Placed(0.1, 1j, 1 + 0j)
 
 
-def test_memory_is_bounded() -> None:
+def test_trajectory_keeps_only_newest_samples() -> None:
     trajectory = along(*((i / 10, complex(i), 0.0) for i in range(1000)), most=10)
     assert trajectory.at(98.9) is None
     assert trajectory.at(99.0) is not None

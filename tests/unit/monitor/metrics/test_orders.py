@@ -26,7 +26,7 @@ scales = st.floats(0.5, 2.0)
 
 
 def moving(time: float) -> Mapping[str, Any]:
-    """From the hexagon to a wedge that is turned by a quarter and half as large again, gently."""
+    """Order at `time`: smoothly from the hexagon to a wedge rotated by 90° and scaled by 1.5."""
     if time < BEGINS:
         return {"shape": "hexagon"}
     wanted = {"shape": "wedge", "rotation": math.pi / 2, "scale": 1.5}
@@ -38,7 +38,7 @@ def moving(time: float) -> Mapping[str, Any]:
     return {**wanted, "slots": Slots(mix=mix, rotation=part * math.pi / 2, scale=1.0 + 0.5 * part)}
 
 
-def test_moving_slots_cause_no_error_for_robots_inside() -> None:
+def test_robots_in_moving_slots_have_no_error() -> None:
     fleet = Fleet(wants=moving)
     metrics, worst = Metrics(fleet.mission), 0.0
     for tenth in range(100, 170):
@@ -101,14 +101,14 @@ def test_new_shape_restarts_settling_time() -> None:
     [{"shape": "wedge"}, {"rotation": 1.0}, {"scale": 2.0}, {"route": "b7"}],
     ids=lambda wish: next(iter(wish)),
 )
-def test_whatever_is_wished_for_anew_is_settled_from_then_on(wish: dict[str, Any]) -> None:
+def test_settling_time_restarts_with_each_order_change(wish: dict[str, Any]) -> None:
     fleet = Fleet(wants=lambda time: wish if time > 15.0 else {})
     snapshot = driven(fleet, 20.0).snapshot(now(20.0))
     assert snapshot.wished_at == pytest.approx(5.0, abs=0.15)
     assert snapshot.settling_time == pytest.approx(0.1, abs=0.15)
 
 
-def test_a_hold_and_a_run_ask_for_no_other_shape() -> None:
+def test_hold_and_run_do_not_restart_settling_time() -> None:
     fleet = Fleet(wants=lambda time: {"mode": "hold"} if 12.0 < time < 14.0 else {})
     snapshot = driven(fleet, 20.0).snapshot(now(20.0))
     assert (snapshot.wished_at, snapshot.settled_at) == (0.0, 0.0)
@@ -128,7 +128,7 @@ def test_turning_shape_counts_as_formed() -> None:
     assert snapshot.formation_error == pytest.approx(0.0, abs=1e-3)
 
 
-def test_monitor_clock_change_during_shape_transition_is_harmless() -> None:
+def test_monitor_clock_change_during_shape_transition_causes_no_error() -> None:
     fleet = Fleet(wants=moving)
     metrics = driven(fleet, 12.0)
     for sample in fleet.positions(12.0, 14.0):
@@ -137,7 +137,7 @@ def test_monitor_clock_change_during_shape_transition_is_harmless() -> None:
     assert snapshot.formation_error == pytest.approx(0.0, abs=0.005)
 
 
-def test_gains_in_force_are_told_and_are_no_other_wish() -> None:
+def test_snapshot_contains_gains_without_restarting_settling_time() -> None:
     tuned = Tuned(k_p=3.0, k_i=0.5)
     metrics = driven(Fleet(wants=lambda time: {"tuned": tuned} if time > 14.0 else {}), 18.0)
     seen = metrics.snapshot(now(18.0))

@@ -37,13 +37,13 @@ def snapshot(*, without: str = "") -> Snapshot:
     return metrics.snapshot(now(12.0))
 
 
-def test_a_snapshot_is_json_before_anything_is_known() -> None:
+def test_snapshot_without_messages_is_valid_json() -> None:
     known = json.loads(json.dumps(as_json(Metrics(Fleet().mission).snapshot(now(10.0))), allow_nan=False))
     assert (known["formation_error"], known["elapsed"], known["robots"]["robot2"]["age"]) == (None, 0.0, None)
     assert ["robot2", "robot1", None] in known["edges"]
 
 
-def test_summary_line_names_unknown_edges_and_silent_robots() -> None:
+def test_summary_line_names_unknown_error_and_silent_robots() -> None:
     assert "error 0.0 mm" in line(snapshot())
     assert "6 run" in line(snapshot())
     metrics = received(
@@ -54,7 +54,7 @@ def test_summary_line_names_unknown_edges_and_silent_robots() -> None:
     assert "robot3 silent for 13.0 s" in text
 
 
-def test_diagnostics_name_every_robot_its_edges_and_how_its_keys_arrive() -> None:
+def test_diagnostics_contain_robots_edges_and_key_rates() -> None:
     samples = [*Fleet().positions(10.0, 12.0), odometry("robot4", 12.0), command("robot4", 12.0, 0.3, 0.1)]
     (message,) = diagnostics(received(Fleet(), *samples).snapshot(now(12.0)), 1012.0)
     formation, *robots = message.statuses
@@ -66,14 +66,14 @@ def test_diagnostics_name_every_robot_its_edges_and_how_its_keys_arrive() -> Non
     }.items()  # fmt: skip
 
 
-def test_a_silent_robots_diagnostics_are_stale() -> None:
+def test_diagnostics_of_silent_robot_are_stale() -> None:
     (message,) = diagnostics(snapshot(without="robot5"), 1012.0)
     levels = {status.name.removesuffix(": monitor"): status.level for status in message.statuses}
-    # of the others the error is known
+    # the errors of the other edges are known
     assert (levels["robot5"], levels["robot4"], levels["formation"]) == (3, 0, 1)
 
 
-def test_the_diagnostics_of_a_hundred_robots_fit_into_messages() -> None:
+def test_diagnostics_of_100_robots_fit_into_messages() -> None:
     few = snapshot()
     many = replace(few, robots={f"robot{i}": few.robots["robot4"] for i in range(100)})
     messages = list(diagnostics(many, 1012.0))
@@ -85,7 +85,7 @@ NONSENSE = "zzz"
 
 
 def sent() -> list[Sample]:
-    """Statuses in which robots say all that the monitor reads."""
+    """Statuses with every field that the monitor reads."""
     silent = Reason.of(Code.POSITION_SILENT, source="odometry", age=0.3, limit=0.15)
     waits = Reason.of(Code.WAITS, robots=("robot4",))
     blocked: dict[str, Any] = {"collisions": CollisionMode.ON, "zone": Zone.STOP, "deadlocks": 2}
@@ -110,7 +110,7 @@ def seen() -> tuple[dict[str, Any], list[tuple[str, str, int]]]:
     return metrics, [(event.robot, event.kind, event.level) for event in events]
 
 
-def test_nonsense_sentences_change_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reason_texts_do_not_affect_metrics_or_events(monkeypatch: pytest.MonkeyPatch) -> None:
     before = seen()
     monkeypatch.setattr(reasons, "SENTENCES", dict.fromkeys(reasons.SENTENCES, NONSENSE))
     for name in ("LINKS", "MOTION_FAULTS"):

@@ -1,4 +1,4 @@
-"""Files that somebody made to hurt who reads them: each is refused in a sentence, or costs itself alone."""
+"""Malicious recordings: each is refused in a sentence, or only its invalid part is lost."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def chunk(codec: str, data: bytes, size: int) -> bytes:
 
 
 def zstd(size: int) -> bytes:
-    """A few kilobytes that say, and are, as many zeros."""
+    """A few kilobytes that announce, and unpack to, `size` zeros."""
     packer = zstandard.ZstdCompressor().compressobj(size=size)
     block = bytes(1 << 20)
     return b"".join([*(packer.compress(block) for _ in range(size >> 20)), packer.flush()])
@@ -58,7 +58,7 @@ def zstd(size: int) -> bytes:
         ("gzip", b"x", 1),
     ],
 )
-def test_invalid_chunk_damages_only_itself(tmp_path: Path, codec: str, data: bytes, size: int) -> None:
+def test_invalid_chunk_is_counted_as_damaged(tmp_path: Path, codec: str, data: bytes, size: int) -> None:
     file = tmp_path / "bomb.mcap"
     file.write_bytes(top() + chunk(codec, data, size))
     assert list(read(file).messages()) == []
@@ -66,7 +66,7 @@ def test_invalid_chunk_damages_only_itself(tmp_path: Path, codec: str, data: byt
 
 
 @pytest.mark.parametrize("codec", ["lz4", "zstd"])
-def test_a_small_chunk_with_a_million_messages_is_refused(tmp_path: Path, codec: str) -> None:
+def test_chunk_above_max_expansion_ratio_is_refused(tmp_path: Path, codec: str) -> None:
     message = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 1, 1)
     raw = message * 60_000
     data = {"lz4": lz4.frame.compress, "zstd": zstandard.compress}[codec](raw)
@@ -79,7 +79,7 @@ def test_a_small_chunk_with_a_million_messages_is_refused(tmp_path: Path, codec:
 
 
 @pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])
-def test_a_footer_that_points_outside_the_file_is_no_end(tmp_path: Path, place: int) -> None:
+def test_footer_pointing_outside_the_file_counts_as_cut(tmp_path: Path, place: int) -> None:
     file = tmp_path / "footer.mcap"
     file.write_bytes(top() + packed(Footer(place, place, 0)) + MAGIC)
     recording = read(file)
@@ -89,7 +89,7 @@ def test_a_footer_that_points_outside_the_file_is_no_end(tmp_path: Path, place: 
     assert not recover(file, tmp_path / "out.mcap").is_whole
 
 
-def test_statistics_that_end_before_they_begin_are_not_believed(tmp_path: Path) -> None:
+def test_statistics_with_end_before_start_are_ignored(tmp_path: Path) -> None:
     begin = top()
     stated = Statistics(
         message_count=1, schema_count=0, channel_count=0, attachment_count=0, metadata_count=1, chunk_count=0,
@@ -100,14 +100,14 @@ def test_statistics_that_end_before_they_begin_are_not_believed(tmp_path: Path) 
     assert read(file).extent() == Extent()
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+def test_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
     with pytest.raises(UnreadableError, match="must be a file, is a pipe"):
         read(tmp_path / "pipe.mcap")
 
 
 @pytest.mark.parametrize("opcode", [Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.METADATA])
-def test_a_record_longer_than_memory_is_where_a_file_ends(tmp_path: Path, opcode: Opcode) -> None:
+def test_reading_ends_at_record_longer_than_memory(tmp_path: Path, opcode: Opcode) -> None:
     file = tmp_path / "sparse.mcap"
     begin = top() + struct.pack("<BQ", opcode, HUGE)
     with file.open("wb") as sparse:
@@ -134,7 +134,7 @@ def test_unusable_metadata_is_refused(tmp_path: Path, about: dict[str, str], why
     assert "\n" not in str(refusal.value)
 
 
-def test_a_part_with_an_absurd_number_is_still_a_part(tmp_path: Path) -> None:
+def test_part_with_huge_number_is_readable(tmp_path: Path) -> None:
     file = tmp_path / "odd.mcap"
     file.write_bytes(top(recording="a", part="9" * 5000))
     assert read(file).parts == (file,)

@@ -106,7 +106,7 @@ def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -
     assert recorded.recorded == Counter(sample.key for sample in samples)
 
 
-def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> None:
+def test_publish_time_is_the_stamp_if_present(tmp_path: Path) -> None:
     late = odometry("robot2", 10.0)._replace(arrived=10.25)
     unstamped = command("robot2", 10.5, 0.1, 0.2)
     record(tmp_path / "run.mcap", (late, unstamped))
@@ -127,7 +127,7 @@ def test_every_topic_has_channel_with_ros_2_schema(tmp_path: Path) -> None:
     for channel in summary.channels.values():
         schema = summary.schemas[channel.schema_id]
         assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
-        # the text alone, without what this program knows of ROS, makes the type with ROS's own hash
+        # the schema text alone gives the type with the hash of ROS
         typestore = get_typestore(Stores.EMPTY)
         typestore.register(get_types_from_msg(schema.data.decode(), schema.name))
         assert typestore.hash_rihs01(schema.name) == type_hash(schema.name)
@@ -135,7 +135,7 @@ def test_every_topic_has_channel_with_ros_2_schema(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("kind", "name"), [("twist", "Twist"), ("twist_stamped", "TwistStamped")])
-def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str, name: str) -> None:
+def test_commands_are_recorded_with_the_robots_message_type(tmp_path: Path, kind: str, name: str) -> None:
     text = TEXT.replace("rate = 20 ", f'cmd_vel = "{kind}"\nrate = 20 ')
     sample = command("robot2", 10.0, 0.1, 0.2, stamped=kind == "twist_stamped")
     record(tmp_path / "run.mcap", [sample], mission=parse(text), text=text)
@@ -145,7 +145,7 @@ def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str, 
     assert schema.name == f"geometry_msgs/msg/{name}"
 
 
-def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> None:
+def test_rosbags_decodes_the_recording(tmp_path: Path) -> None:
     fleet = Fleet()
     samples = fleet.positions(10.0, 10.2)
     record(tmp_path / "run.mcap", samples)
@@ -169,7 +169,7 @@ def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> N
     }
 
 
-def test_the_mission_and_the_versions_are_in_the_recording(tmp_path: Path) -> None:
+def test_recording_contains_mission_and_versions(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", [])
     with (tmp_path / "run.mcap").open("rb") as stream:
         reader = make_reader(stream)
@@ -180,7 +180,7 @@ def test_the_mission_and_the_versions_are_in_the_recording(tmp_path: Path) -> No
     assert about.metadata["eclipse-zenoh"]
 
 
-def test_malformed_messages_are_recorded_as_they_came(tmp_path: Path) -> None:
+def test_malformed_messages_are_recorded_unchanged(tmp_path: Path) -> None:
     rubbish = [b"", b"\xff" * 50, b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 8]
     record(tmp_path / "run.mcap", [Sample(ODOM.key("robot2"), payload, None, 10.0) for payload in rubbish])
     assert [message.data for _, _, message in read_by_mcap(tmp_path / "run.mcap")] == rubbish
@@ -194,7 +194,7 @@ def test_valid_stamps_are_read_in_both_byte_orders() -> None:
     assert stamp_of(b"\0\1\0\0") is None
 
 
-def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
+def test_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_text("dear")
     with pytest.raises(RecordingError, match=r"run\.mcap: exists already"):
@@ -202,7 +202,7 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     assert path.read_text() == "dear"
 
 
-def test_a_path_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> None:
+def test_unwritable_path_raises_recording_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match=r"--record .*/file/run\.mcap: .*/file is no folder"):
         recorder(tmp_path / "file" / "run.mcap")
@@ -216,7 +216,7 @@ def test_clock_before_epoch_does_not_end_recording(tmp_path: Path) -> None:
 
 
 @given(text=st.text().filter(str.isprintable))
-def test_an_attachment_becomes_a_string_of_ros_2(text: str) -> None:
+def test_attachment_is_packed_as_ros_2_string(text: str) -> None:
     data = packed(text.encode())
     assert data == encode(Text(text))
     assert decode(Text, data) == Text(text)
@@ -224,21 +224,21 @@ def test_an_attachment_becomes_a_string_of_ros_2(text: str) -> None:
 
 
 @given(data=st.binary(max_size=40))
-def test_what_is_no_string_has_no_attachment(data: bytes) -> None:
+def test_invalid_string_unpacks_to_empty_attachment(data: bytes) -> None:
     assert isinstance(unpacked(data), bytes)
     assert unpacked(b"\0\1\0\0\xff\0\0\0" + data) == b""
 
 
-def test_a_string_that_others_wrote_has_one() -> None:
+def test_strings_of_other_writers_are_unpacked() -> None:
     assert unpacked(bytes.fromhex("00000000 00000003") + b"hi\0") == b"hi"
     assert unpacked(bytes.fromhex("00010001 03000000") + b"hi\0\0") == b"hi"
 
 
-def test_what_is_no_text_is_left_out() -> None:
+def test_attachment_that_is_no_text_is_left_out() -> None:
     assert [packed(one) for one in (b"\xff", b"\0", b"two\nlines", b"x" * 70_000)] == [None] * 4
 
 
-def test_attachments_come_back_on_the_messages_they_rode_on(tmp_path: Path) -> None:
+def test_attachments_are_read_back_with_their_messages(tmp_path: Path) -> None:
     commands = [
         command("robot2", 10.0 + i / 20, 0.1, 0.0)._replace(attachment=b"%d" % i if i % 3 else None)
         for i in range(20)
@@ -250,7 +250,7 @@ def test_attachments_come_back_on_the_messages_they_rode_on(tmp_path: Path) -> N
     assert all(one.attachment for one in back if one.key == POSITION.key(SIX.leader))
 
 
-def test_each_stands_just_before_its_message_with_its_times_and_number(tmp_path: Path) -> None:
+def test_attachment_precedes_its_message_with_same_times_and_number(tmp_path: Path) -> None:
     bare, attachments = command("robot2", 10.0, 0.1, 0.2), command("robot2", 10.5, 0.1, 0.2)
     record(tmp_path / "run.mcap", [bare, attachments._replace(attachment=b'{"n": 1}')])
     (_, _, first), (schema, channel, beside), (_, _, second) = read_by_mcap(tmp_path / "run.mcap")
@@ -262,7 +262,7 @@ def test_each_stands_just_before_its_message_with_its_times_and_number(tmp_path:
     assert (beside.log_time, beside.publish_time) == (second.log_time, second.publish_time)
 
 
-def test_topics_on_which_nothing_rides_have_none_beside_them(tmp_path: Path) -> None:
+def test_topic_without_attachments_has_no_attachment_channel(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", [command("robot2", 10.0, 0.1, 0.2)])
     channels = summary_of(tmp_path / "run.mcap").channels.values()
     assert not [one.topic for one in channels if one.topic.endswith("/attached")]
@@ -291,7 +291,7 @@ def test_burst_is_divided_into_small_chunks(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(recorder_module, "CHUNK_BYTES", 50_000)
     path = tmp_path / "run.mcap"
     with recorder(path) as recording:
-        for number in range(500):  # before anybody flushes
+        for number in range(500):  # before any flush
             recording.write(odometry("robot2", 10.0 + number / 1000), EPOCH + 10.0 + number / 1000)
     found = chunks_of(path)
     assert len(found) > 5
@@ -299,7 +299,7 @@ def test_burst_is_divided_into_small_chunks(tmp_path: Path, monkeypatch: pytest.
 
 
 class Full(io.FileIO):
-    """A file on a disk that has room for so many bytes more."""
+    """A file on a disk with `room` free bytes."""
 
     room = 0
 
@@ -372,7 +372,7 @@ def test_index_records_equal_mcap_chunk_index(entries: list[Entry]) -> None:
     assert (index.count, index.size) == (len(entries), len(expected))
 
 
-def test_index_memory_is_a_twentieth_of_file_size() -> None:
+def test_index_memory_is_below_a_twentieth_of_its_records() -> None:
     index = Index()
     for number in range(5000):
         start = 10**18 + number * 500_000_000

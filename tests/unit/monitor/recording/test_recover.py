@@ -42,7 +42,7 @@ def bare(messages: Iterator[Recorded]) -> list[tuple[str, bytes, bytes | None, i
     return [(*one.sample[:3], round(one.wall * 1e9)) for one in messages]
 
 
-def test_a_whole_recording_is_left_alone(tmp_path: Path) -> None:
+def test_recover_leaves_whole_recording_unchanged(tmp_path: Path) -> None:
     samples = chunked(tmp_path / "run.mcap")
     before = (tmp_path / "run.mcap").read_bytes()
     found = recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
@@ -52,7 +52,7 @@ def test_a_whole_recording_is_left_alone(tmp_path: Path) -> None:
     assert (tmp_path / "run.mcap").read_bytes() == before
 
 
-def test_a_cut_recording_gets_an_index_and_an_end(tmp_path: Path, whole: bytes) -> None:
+def test_recover_completes_a_cut_recording(tmp_path: Path, whole: bytes) -> None:
     cut, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
     cut.write_bytes(whole[: len(whole) * 6 // 10])
     kept = bare(read(cut).messages())
@@ -77,9 +77,7 @@ def test_a_cut_recording_gets_an_index_and_an_end(tmp_path: Path, whole: bytes) 
     assert summary.statistics.message_count == len(indexed) >= len(kept)
 
 
-def test_where_it_cannot_be_written_to_its_end_nothing_is_left(
-    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_recover_leaves_no_file(tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_: Part) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -114,7 +112,7 @@ def test_recording_truncated_at_any_byte_is_recovered(tmp_path: Path, whole: byt
 
 
 @given(seed=st.integers(0, 2**32), flips=st.integers(1, 20))
-def test_whatever_is_damaged_nothing_crashes(
+def test_random_damage_does_not_crash_read_or_recover(
     tmp_path_factory: pytest.TempPathFactory, whole: bytes, seed: int, flips: int
 ) -> None:
     choice, data = random.Random(seed), bytearray(whole)
@@ -134,7 +132,7 @@ def test_whatever_is_damaged_nothing_crashes(
         assert bare(read(path.with_name("out.mcap")).messages()) == kept
 
 
-def test_a_damaged_stretch_costs_no_more_than_itself(tmp_path: Path, whole: bytes) -> None:
+def test_damaged_chunk_loses_only_its_own_messages(tmp_path: Path, whole: bytes) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(whole)
     everything = bare(read(path).messages())
@@ -152,7 +150,7 @@ def test_a_damaged_stretch_costs_no_more_than_itself(tmp_path: Path, whole: byte
     assert max(one[3] for one in gone) <= middle.message_end_time
 
 
-def test_an_existing_file_is_never_overwritten(tmp_path: Path, whole: bytes) -> None:
+def test_recover_does_not_overwrite_a_file(tmp_path: Path, whole: bytes) -> None:
     (tmp_path / "run.mcap").write_bytes(whole[:-100])
     (tmp_path / "out.mcap").write_text("dear")
     with pytest.raises(FileExistsError):
@@ -161,15 +159,15 @@ def test_an_existing_file_is_never_overwritten(tmp_path: Path, whole: bytes) -> 
 
 
 @pytest.mark.parametrize("since", [0.0, 9.9, 12.3, 14.1, 17.0, 25.0])
-def test_it_can_be_read_from_any_moment_on(recording: Recording, since: float) -> None:
+def test_recording_is_readable_from_any_moment(recording: Recording, since: float) -> None:
     everything = list(recording.messages())
     wanted = [one for one in everything if one.wall >= since + EPOCH]
     found = list(recording.messages(since + EPOCH))
     assert found == everything[len(everything) - len(found) :]
-    assert len(wanted) <= len(found) <= len(wanted) + 70  # whole chunks are passed over
+    assert len(wanted) <= len(found) <= len(wanted) + 70  # only whole chunks are skipped
 
 
-def test_what_is_passed_over_is_not_unpacked(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_skipped_chunks_are_not_unpacked(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     unpacked, real = list[int](), scan.contents
 
     def counted(body: bytes) -> scan.Contents | None:
@@ -184,7 +182,7 @@ def test_what_is_passed_over_is_not_unpacked(recording: Recording, monkeypatch: 
     assert 0 < len(unpacked) <= 2 < all_of_them
 
 
-def test_its_extent_is_that_of_its_messages(recording: Recording) -> None:
+def test_extent_equals_that_of_the_messages(recording: Recording) -> None:
     messages = list(recording.messages())
     start, end = messages[0].wall, messages[-1].wall
     extent = recording.extent()
@@ -192,7 +190,7 @@ def test_its_extent_is_that_of_its_messages(recording: Recording) -> None:
     assert extent.counts == Counter(one.sample.key for one in messages)
 
 
-def test_an_empty_recording_has_no_extent(tmp_path: Path) -> None:
+def test_empty_recording_has_no_extent(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", [])
     extent = read(tmp_path / "run.mcap").extent()
     assert (extent.start, extent.end, extent.duration, extent.counts) == (None, None, 0.0, {})

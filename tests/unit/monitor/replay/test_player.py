@@ -1,4 +1,4 @@
-"""Playing a recording on a clock that a test turns, and a recording as what is played."""
+"""Playing a recording on a clock that the test sets, and a recording as a film."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MANY = 10_000
 
 @dataclass
 class Reel:
-    """Messages, numbered as they stand in the file."""
+    """Messages, numbered in the order of the file."""
 
     walls: Sequence[float]
     opened: list[float] = field(default_factory=list)
@@ -63,13 +63,13 @@ def numbers(due: Sequence[Due]) -> list[int]:
 
 
 def played(player: Player, since: float, until: float) -> list[Due]:
-    """Everything that comes from one time of the clock to another, taken ten times a second."""
+    """Everything due from `since` to `until` on the clock, taken ten times a second."""
     steps = round((until - since) / 0.1)
     times = [since + (until - since) * step / max(steps, 1) for step in range(steps + 1)]
     return [due for mono in times for due in player.next_batch(mono, MANY).due]
 
 
-def test_messages_come_when_their_time_has_come() -> None:
+def test_messages_are_due_at_their_time() -> None:
     player = Player(reel(), 5.0)
     assert numbers(player.next_batch(5.0, MANY).due) == [0]
     assert numbers(player.next_batch(5.1, MANY).due) == []
@@ -77,7 +77,7 @@ def test_messages_come_when_their_time_has_come() -> None:
     assert player.position == pytest.approx(START + 0.55)
 
 
-def test_speed_is_that_of_the_recording_against_the_clock() -> None:
+def test_speed_scales_the_playing_time() -> None:
     player = Player(reel(), 0.0, speed=4.0)
     assert numbers(player.next_batch(0.25, MANY).due) == [0, 1, 2, 3, 4]
     player.set_speed(0.25, 0.5)
@@ -85,7 +85,7 @@ def test_speed_is_that_of_the_recording_against_the_clock() -> None:
     assert player.position == pytest.approx(START + 1.5)
 
 
-def test_what_is_paused_stands_and_goes_on_where_it_stood() -> None:
+def test_paused_player_continues_where_it_paused() -> None:
     player = Player(reel(), 0.0)
     played(player, 0.0, 1.0)
     player.pause()
@@ -107,7 +107,7 @@ def test_seek_forward_plays_skipped_messages_silently() -> None:
     assert (player.position, player.seeking) == (START + 5.0, False)
 
 
-def test_a_seek_back_begins_anew_from_the_beginning() -> None:
+def test_seek_back_rebuilds_from_the_beginning() -> None:
     player = Player(reel(), 0.0)
     played(player, 0.0, 8.0)
     player.seek(START + 2.0)
@@ -130,7 +130,7 @@ def test_seek_back_during_seek_forward_starts_anew() -> None:
     assert player.position == START + 2.0
 
 
-def test_in_a_long_recording_figures_are_built_from_a_stretch_before() -> None:
+def test_seek_in_long_recording_rebuilds_from_a_stretch_before() -> None:
     film = reel(100.0)
     player = Player(film, 0.0, stretch=10.0)
     player.seek(START + 60.0)
@@ -150,7 +150,7 @@ def test_long_seek_takes_many_steps_with_clock_paused() -> None:
     assert (player.seeking, player.position) == (False, START + 9.0)
 
 
-def test_a_seek_ends_at_the_ends_of_the_recording() -> None:
+def test_seek_is_limited_to_the_recording() -> None:
     player = Player(reel(), 0.0)
     player.seek(START + 1e9)
     player.next_batch(0.0, MANY)
@@ -170,7 +170,7 @@ def test_play_at_the_end_restarts() -> None:
     assert numbers(batch.due) == [0]
 
 
-def test_it_may_end_before_the_recording_does() -> None:
+def test_player_ends_at_until() -> None:
     player = Player(reel(), 0.0, until=START + 3.1)
     assert numbers(played(player, 0.0, 4.0)) == list(range(13))
     assert player.finished
@@ -181,13 +181,13 @@ def test_late_replay_delays_instead_of_skipping() -> None:
     player = Player(reel(), 0.0, speed=2.0)
     assert numbers(player.next_batch(0.3, 2).due) == [0, 1]
     assert player.position == START + 0.25
-    assert numbers(player.next_batch(3.0, MANY).due) == [2]  # and not five seconds at once
+    assert numbers(player.next_batch(3.0, MANY).due) == [2]  # not five seconds at once
     assert player.position == START + 0.5
     assert player.lost == pytest.approx(3.0 - 0.25)
     assert numbers(player.next_batch(3.125, MANY).due) == [3]
 
 
-def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
+def test_full_delay_is_reported_near_the_end() -> None:
     player = Player(reel(), 0.0, speed=100.0)
     took = 0.0
     while not player.finished:
@@ -196,7 +196,7 @@ def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
     assert player.lost + player.behind == pytest.approx(took - 10.0 / 100.0, abs=MAX_CATCH_UP_TIME)
 
 
-def test_a_short_delay_is_caught_up_with() -> None:
+def test_player_catches_up_after_short_delay() -> None:
     player = Player(reel(), 0.0)
     player.next_batch(0.0, MANY)
     for mono, most, number, behind in ((0.6, 1, 1, 0.35), (0.7, MANY, 2, 0.2), (0.8, MANY, 3, 0.05)):
@@ -205,20 +205,20 @@ def test_a_short_delay_is_caught_up_with() -> None:
     assert player.lost == 0.0
 
 
-def test_a_stretch_without_messages_is_no_delay() -> None:
+def test_gap_in_the_recording_is_no_delay() -> None:
     player = Player(Reel([START, START + 5.0]), 0.0)
     assert numbers(played(player, 0.0, 5.1)) == [0, 1]
     assert player.lost == 0.0
 
 
-def test_one_message_is_a_recording() -> None:
+def test_recording_of_one_message_is_played() -> None:
     player = Player(Reel([START]), 0.0)
     assert numbers(player.next_batch(0.0, MANY).due) == [0]
     assert player.finished
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, MIN_SPEED / 2, MAX_SPEED * 2, float("nan"), float("inf")])
-def test_a_speed_that_cannot_be_is_refused(speed: float) -> None:
+def test_invalid_speed_is_refused(speed: float) -> None:
     player = Player(reel(), 0.0)
     with pytest.raises(ValueError, match=r"must be from 0\.1 to 100"):
         player.set_speed(0.0, speed)
@@ -269,7 +269,7 @@ def test_messages_keep_order_and_repeat_only_after_seek(
                 newest = -1
             came = numbers(batch.due)
             if came:
-                # in the order of the file, each once; only a beginning anew may leave some out
+                # in the order of the file, each once; only a restart may leave some out
                 assert came == list(range(came[0], came[0] + len(came)))
                 assert came[0] == newest + 1 if newest >= 0 or not sought else came[0] > newest
                 newest = came[-1]
@@ -301,7 +301,7 @@ def test_short_recording_is_rebuilt_completely_and_long_partly(
     assert Film(recording).stretch == MIN_RECORDING_TIME
 
 
-def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
+def test_film_refuses_a_recording_without_messages(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", [])
     with pytest.raises(UnreadableError, match="has no messages"):
         Film(read(tmp_path / "run.mcap"))

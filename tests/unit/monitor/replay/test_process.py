@@ -1,4 +1,4 @@
-"""A replay in turns: what the page and the listeners get, and who may steer."""
+"""A replay in turns: what page and listeners receive, and steering from other threads."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Reel:
 
 
 class Clock:
-    """The loop's clock, which a test turns."""
+    """The loop's clock, set by the test."""
 
     now = 0.0
 
@@ -81,7 +81,7 @@ def shown(source: Source) -> dict[str, Any]:
     return dict(source.look.frame)
 
 
-def test_a_frame_is_made_of_exactly_what_was_recorded_until_then(clock: Clock) -> None:
+def test_replay_frame_equals_metrics_of_recorded_messages(clock: Clock) -> None:
     source, reel = page(), Reel()
     replay = Replay(SIX, Player(reel, 0.0), source)
     turns(replay, clock, 1.5)
@@ -104,7 +104,7 @@ def test_page_follows_history_and_is_rebuilt_after_seek(clock: Clock) -> None:
     assert source.events(0)[0] == 3
     replay.step("seek", BEGIN + 1.2)
     turns(replay, clock, 0.02)
-    assert source.epoch == epoch + 1  # whoever looks is greeted anew
+    assert source.epoch == epoch + 1  # viewers get a new greeting
     assert source.events(0)[0] == 2
     assert b"second 1" in source.greeting().chunk
     assert b"second 2" not in source.greeting().chunk
@@ -150,16 +150,16 @@ def test_frames_during_seek_show_target_and_last_state(clock: Clock, monkeypatch
     assert (arrived["replay"]["seeking"], arrived["t"]) == (False, BEGIN + 1.0)
 
 
-def test_at_its_end_it_begins_again_if_it_is_to(clock: Clock) -> None:
+def test_replay_with_again_from_restarts_at_the_end(clock: Clock) -> None:
     replay = Replay(SIX, Player(Reel(), 0.0), again_from=BEGIN + 1.0)
     for _ in range(450):
         turns(replay, clock, 0.01)
-        assert not replay.standing.finished  # at no moment: it would be taken for the end
+        assert not replay.standing.finished  # at no moment, or the replay would end
     assert BEGIN + 1.3 < replay.standing.position < BEGIN + 1.6
 
 
 class Listener:
-    """Takes what is said, as slowly as a test wants."""
+    """A listener that takes `takes` seconds for each message."""
 
     def __init__(self, clock: Clock, takes: float) -> None:
         self.clock, self.takes, self.received = clock, takes, 0
@@ -189,7 +189,7 @@ def test_only_fast_replay_skips_messages_for_slow_listener(clock: Clock, speed: 
     [("speed", 1000.0, "from 0.1 to 100"), ("speed", None, "must be a number"),
      ("seek", None, "must be a number")],
 )  # fmt: skip
-def test_what_cannot_be_steered_is_refused_from_any_thread(do: str, to: float | None, why: str) -> None:
+def test_invalid_steering_is_refused_in_another_thread(do: str, to: float | None, why: str) -> None:
     replay = Replay(SIX, Player(Reel(), time.monotonic(), paused=True))
     with ThreadPoolExecutor() as threads:
         steered = threads.submit(replay.steer, do, to)

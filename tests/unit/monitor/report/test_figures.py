@@ -57,7 +57,7 @@ def test_posts_and_walls_are_drawn_only_in_simulation(truth: bool, tmp_path: Pat
 @pytest.mark.parametrize(
     ("suffix", "start"), [("svg", b"<?xml"), *slow(("png", b"\x89PNG"), ("pdf", b"%PDF"))]
 )
-def test_a_figure_is_written_alike_each_time(run: Run, suffix: str, start: bytes) -> None:
+def test_figure_file_is_reproducible(run: Run, suffix: str, start: bytes) -> None:
     once, again = (
         figures.written(figures.panel(run, View.of([run]), parts.PANELS[3]), suffix) for _ in range(2)
     )
@@ -78,7 +78,7 @@ def test_view_ends_after_formation_or_at_given_time(run: Run) -> None:
     assert View.of([run], 3.0).until == 3.0
 
 
-def test_runs_that_are_compared_have_the_same_axes(run: Run, tmp_path: Path) -> None:
+def test_compared_runs_have_the_same_axes(run: Run, tmp_path: Path) -> None:
     far = run_of(tmp_path, talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
     view = View.of([run, far])
     for which in parts.PANELS[1:]:
@@ -87,22 +87,22 @@ def test_runs_that_are_compared_have_the_same_axes(run: Run, tmp_path: Path) -> 
         assert first.get_ylim() == second.get_ylim()
 
 
-def test_names_are_numbers_where_these_are_all_they_differ_in() -> None:
+def test_names_are_shortened_if_only_numbers_differ() -> None:
     assert drawing.short(["robot1", "robot10", "robot11"]) == ["1", "10", "11"]
     assert drawing.short(["leader", "robot1"]) == ["leader", "robot1"]
 
 
-def test_lines_of_six_robots_are_no_picture_in_the_svg(run: Run) -> None:
+def test_svg_of_six_robots_contains_no_raster_image(run: Run) -> None:
     svg = figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg")
     assert b"<image" not in svg
     assert len(drawing.looks(100)) == 100
 
 
-def test_silent_period_is_drawn_as_gap(tmp_path: Path) -> None:
+def test_figure_with_silent_period_is_written(tmp_path: Path) -> None:
     run = run_of(tmp_path, [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0])
     panel = next(one for one in parts.PANELS if one.name == "forward_speeds")
     times = run.paths.time
-    assert any(times[1:] == times[:-1])  # of the gap's beginning, which once divided by zero aloud
+    assert any(times[1:] == times[:-1])  # at the start of the gap; divided by zero once
     assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
 
 
@@ -130,7 +130,7 @@ def history() -> History:
     return kept
 
 
-def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
+def test_figure_contains_panel_letters_quantities_and_robot_names(history: History, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
     drawing.draw(history, path)
     text = path.read_text(encoding="utf-8")
@@ -140,7 +140,7 @@ def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Pat
     assert not [wanted for wanted in (*quantities, *letters, *names, "time [s]") if wanted not in text]
 
 
-def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path: Path) -> None:
+def test_figure_with_unknown_values_is_drawn(history: History, tmp_path: Path) -> None:
     unknown = replace(
         history,
         heading_error=np.full_like(history.heading_error, np.nan),
@@ -153,12 +153,12 @@ def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path:
     assert path.stat().st_size > 10_000
 
 
-def test_a_run_that_left_the_numbers_can_still_be_drawn(history: History, tmp_path: Path) -> None:
+def test_figure_with_infinite_error_is_drawn(history: History, tmp_path: Path) -> None:
     lost = replace(history, error=np.full_like(history.error, np.inf))
     drawing.draw(lost, tmp_path / "figure.png")
 
 
-def test_without_matplotlib_the_error_says_what_to_install(
+def test_missing_matplotlib_error_names_install_command(
     history: History, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -166,13 +166,13 @@ def test_without_matplotlib_the_error_says_what_to_install(
         drawing.draw(history, tmp_path / "figure.png")
 
 
-def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -> None:
+def test_span_ends_after_formation_has_formed(history: History) -> None:
     span = drawing.span(history.time, history.error)
     assert 5.0 <= span <= 10.0
     assert history.error[np.searchsorted(history.time, span) - 1] < 0.01 * history.error.max()
 
 
-def test_chatter_becomes_a_mean_and_a_band() -> None:
+def test_chatter_is_drawn_as_mean_and_band() -> None:
     time: FloatArray = 0.02 * np.arange(200.0)
     chattering = np.where(np.arange(200) % 2, 1.5, -1.5)
     values = np.where((time > 1.0) & (time < 3.0), chattering, 0.0)
@@ -185,14 +185,14 @@ def test_chatter_becomes_a_mean_and_a_band() -> None:
 
 
 @pytest.mark.parametrize("swing", [np.linspace(-1.5, 1.5, 200), np.sin(np.linspace(0.0, 9.0, 200)) ** 3])
-def test_smooth_lines_are_drawn_as_they_are(swing: Any) -> None:
+def test_smooth_lines_are_unchanged(swing: Any) -> None:
     line, low, high = drawing.calmed(np.arange(0.0, 4.0, 0.02), swing, 0.1)
     assert (line == swing).all()
     assert np.isnan(low).all()
     assert np.isnan(high).all()
 
 
-def test_label_goes_where_no_line_is() -> None:
+def test_label_is_placed_away_from_the_line() -> None:
     line: ComplexArray = np.linspace(0.0, 3.0 + 1.0j, 50).astype(np.complex128)
     assert abs(drawing.roomiest(0j, line) + (3.0 + 1.0j) / abs(3.0 + 1.0j)) < 0.3
     across = drawing.roomiest(1.5 + 0.5j, line).conjugate() * (3.0 + 1.0j) / abs(3.0 + 1.0j)
@@ -208,7 +208,7 @@ def test_snapshots_do_not_overlap(history: History) -> None:
     assert all(left.max() < right.min() for left, right in pairwise(spans))
 
 
-def test_formations_in_one_panel_are_apart_but_for_first_and_last() -> None:
+def test_overlapping_formations_are_left_out_except_first_and_last() -> None:
     square: ComplexArray = np.array([0j, 1.0 + 0j, 1.0 + 1.0j, 1j])
     passing: ComplexArray = square + np.array([0.0, 0.5, 3.0, 4.5])[:, None]
     assert drawing.apart(passing).tolist() == [0, 2, 3]

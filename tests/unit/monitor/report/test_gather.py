@@ -1,4 +1,4 @@
-"""What a report gathers from a recording: errors, delays, losses, leader terms, and the sentence about it."""
+"""What a report gathers from a recording: errors, delays, losses, leader terms, and the verdict."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run_of(tmp_path_factory.mktemp("run"), talk(Fleet(away=coming_in), 12.0))
 
 
-def test_settling_time_and_final_error_are_those_of_the_monitor(tmp_path: Path, run: Run) -> None:
+def test_settling_time_and_final_error_match_the_monitor(tmp_path: Path, run: Run) -> None:
     reported = record(tmp_path / "run.mcap", talk(Fleet(away=coming_in), 12.0))
     found = gathered(tmp_path / "run.mcap").snapshot
     assert reported.settled_at is not None
@@ -56,7 +56,7 @@ def test_rms_and_maximum_cover_whole_and_settled_run(run: Run) -> None:
     assert whole.rms == pytest.approx(rms, rel=0.05)
     maxima = {name: run.robots[name].error.whole.maximum for name in ("robot2", "robot4")}
     assert maxima["robot2"] == pytest.approx(first / 2.0, rel=0.05)
-    assert maxima["robot4"] == pytest.approx(0.0, abs=1e-3)  # a bent way, interpolated
+    assert maxima["robot4"] == pytest.approx(0.0, abs=1e-3)  # a curved path, interpolated
 
 
 def test_heading_errors_and_true_error_come_from_ground_truth(run: Run) -> None:
@@ -66,7 +66,7 @@ def test_heading_errors_and_true_error_come_from_ground_truth(run: Run) -> None:
     assert run.true_error.final is not None
 
 
-def test_without_ground_truth_the_run_says_so(tmp_path: Path) -> None:
+def test_report_notes_missing_ground_truth(tmp_path: Path) -> None:
     run = run_of(tmp_path, talk(Fleet(away=coming_in), 4.0, truth=False))
     assert not run.truth
     assert run.true_error.whole.count == 0
@@ -78,7 +78,7 @@ def commands(run: Run, robot: str) -> int:
     return next(key.count for key in run.keys if key.key == f"{robot}/cmd_vel")
 
 
-def test_delays_are_from_stamps_and_answers_from_odometry(run: Run) -> None:
+def test_delays_come_from_stamps_and_answers_from_odometry(run: Run) -> None:
     assert run.late["position"].median == pytest.approx(0.002, abs=1e-5)
     assert run.late["odom"].median == pytest.approx(0.003, abs=1e-5)
     assert "cmd_vel" not in run.late  # a Twist has no stamp
@@ -86,7 +86,7 @@ def test_delays_are_from_stamps_and_answers_from_odometry(run: Run) -> None:
     assert run.answers["robot3"].count == commands(run, "robot3")
 
 
-def test_a_command_that_answers_no_odometry_is_not_timed(tmp_path: Path) -> None:
+def test_command_without_odometry_is_not_timed(tmp_path: Path) -> None:
     run = run_of(tmp_path, [*talk(Fleet(), 2.0), command("robot2", START + 2.5, 0.0, 0.0)])
     assert commands(run, "robot2") == run.answers["robot2"].count + 1
 
@@ -111,15 +111,15 @@ def test_robot_centres_are_offset_from_control_points(run: Run) -> None:
     assert apart[-1] == pytest.approx([0.0, *offsets])
 
 
-def test_silence_at_the_common_end_is_no_loss(tmp_path: Path) -> None:
+def test_silence_of_all_robots_at_end_is_no_loss(tmp_path: Path) -> None:
     run = run_of(tmp_path, [*talk(Fleet(), 3.0), command("robot2", START + 8.0, 0.0, 0.0)])
     assert summary.lost_robots(run.keys) == []
 
 
 def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
-    said = talk(Fleet(away=coming_in), 12.0)
+    samples = talk(Fleet(away=coming_in), 12.0)
     reported = record(
-        tmp_path / "run.mcap", [s for s in said if s.arrived < START + 6.0 or "robot5" not in s.key]
+        tmp_path / "run.mcap", [s for s in samples if s.arrived < START + 6.0 or "robot5" not in s.key]
     )
     run = gathered(tmp_path / "run.mcap")
     assert reported.settled_at is run.snapshot.settled_at is run.snapshot.final_error is None
@@ -131,15 +131,15 @@ def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
     assert ("lost", "robot5") in {(event.kind, event.robot) for event in run.story.events}
     numbers = {item.name: item.value for item in summary.items(run)}
     assert (numbers["formation_error"], numbers["formation_error_true"]) == (None, None)
-    assert View.of([run]).until > 11.0  # what did not settle is shown to its end
+    assert View.of([run]).until > 11.0  # an unsettled run is shown to its end
     way = run.paths.points[run.paths.time > 7.0]
     assert np.isnan(way[:, 4]).all()
     assert np.isfinite(way[:, 3]).all()
 
 
-def test_unknown_formation_error_keeps_other_figures(tmp_path: Path) -> None:
-    said = talk(Fleet(away=coming_in), 4.0)
-    run = run_of(tmp_path, [sample for sample in said if not sample.key.startswith("robot5")])
+def test_other_values_are_known_without_formation_error(tmp_path: Path) -> None:
+    samples = talk(Fleet(away=coming_in), 4.0)
+    run = run_of(tmp_path, [sample for sample in samples if not sample.key.startswith("robot5")])
     assert not run.known
     assert run.snapshot.settled_at is None
     assert run.robots["robot2"].error.whole.count > 10
@@ -148,7 +148,7 @@ def test_unknown_formation_error_keeps_other_figures(tmp_path: Path) -> None:
     assert "Never received: robot5" in " ".join(summary.notices(run))
 
 
-def test_an_empty_recording_is_a_run_of_nothing(tmp_path: Path) -> None:
+def test_empty_recording_gives_a_run_and_a_verdict(tmp_path: Path) -> None:
     run = run_of(tmp_path, [])
     assert not run.known
     assert summary.verdict(run) in {
@@ -157,7 +157,7 @@ def test_an_empty_recording_is_a_run_of_nothing(tmp_path: Path) -> None:
     }
 
 
-def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_cut_recording_is_read_up_to_the_cut(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     record(path, talk(Fleet(away=coming_in), 12.0))
     whole = gathered(path)
@@ -169,7 +169,7 @@ def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     assert any("cut" in notice for notice in summary.notices(run))
 
 
-def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
+def test_story_contains_orders_and_events_with_times(tmp_path: Path) -> None:
     fleet = Fleet(wants=lambda time: {"shape": "wedge"} if time > START + 3.0 else {})
     run = run_of(tmp_path, talk(fleet, 6.0))
     orders = [(order.mode, order.wish.shape) for order in run.story.orders]
@@ -178,10 +178,10 @@ def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
     assert {"joined", "order"} <= {event.kind for event in run.story.events}
 
 
-def test_rejected_messages_are_counted_and_kept_out_of_the_delays(tmp_path: Path) -> None:
+def test_rejected_messages_are_counted_and_excluded_from_delays(tmp_path: Path) -> None:
     result = talk(Fleet(), 2.0)
     keys = (POSITION.key("robot2"), CMD_VEL.key("robot2"), POSITION.key("robot3"))
-    ahead = Fleet().position("robot3", START + 8.0)  # of time
+    ahead = Fleet().position("robot3", START + 8.0)  # ahead of time
     bad = [*(Sample(key, b"rubbish", None, 0.0) for key in keys[:2]), ahead]
     bad = [one._replace(arrived=result[40 + n].arrived + 1e-4) for n, one in enumerate(bad)]
     run = run_of(tmp_path, sorted([*result, *bad], key=lambda sample: sample.arrived))
@@ -204,7 +204,7 @@ def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
     assert key.rate < 20.0
 
 
-def test_the_law_that_was_driven_is_the_law_of_the_run(tmp_path: Path) -> None:
+def test_run_has_the_recorded_law(tmp_path: Path) -> None:
     assert run_of(tmp_path, talk(Fleet(), 1.0), law="paper").mission.law.kind == "paper"
 
 
@@ -216,7 +216,7 @@ STANDBYS = "\n[standbys.spare1]\n[standbys.spare2]\n"
 def leading(
     term: int, start: float, end: float, *, late: float = 0.0, publisher_id: str = "leader"
 ) -> list[Sample]:
-    """What a leader says from one moment to another; it is received `late` after that."""
+    """Positions of a leader from `start` to `end`, received `late` [s] after they were sent."""
     fleet = Fleet(MISSION, term=term)
     samples = [fleet.position("robot1", time) for time in fleet.times("robot1", start, end)]
     return [
@@ -240,7 +240,7 @@ def ballot(name: str, term: int, number: int, time: float, candidacy: str = "lea
     return sample_of(BALLOT.key(name), Text(order.encode(what).decode()), time)
 
 
-def test_no_candidate_leads_between_two_leader_terms() -> None:
+def test_leader_terms_without_overlap_are_found_with_gaps() -> None:
     leader_terms = found_terms(
         [*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.9, 15.0), *leading(AGAIN, 15.3, 16.0)]
     )
@@ -261,18 +261,18 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     ],
     ids=["a single late message of the former leader", "two processes in one term"],
 )
-def test_second_leader_beside_a_first_is_found(others: list[Sample]) -> None:
+def test_late_message_or_second_process_is_found_as_overlap(others: list[Sample]) -> None:
     assert len(overlaps(found_terms([*leading(FIRST, 10.0, 12.0), *others]))) == 1
 
 
-def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
+def test_leader_overlapping_its_successor_is_found() -> None:
     leader_terms = found_terms([*leading(FIRST, 10.0, 13.5), *leading(SECOND, 12.9, 15.0)])
     (both,) = overlaps(leader_terms)
     assert (both.former.name, both.latter.name) == ("robot1", "spare1")
     assert both.span.end - both.span.begin == pytest.approx(0.6, abs=0.051)
 
 
-def test_delayed_messages_are_no_second_leader_by_stamp() -> None:
+def test_delayed_messages_of_a_former_leader_are_no_overlap() -> None:
     leader_terms = found_terms([*leading(FIRST, 10.0, 12.0, late=0.8), *leading(SECOND, 12.5, 15.0)])
     assert not overlaps(leader_terms)
     assert leader_terms[0].received.end > leader_terms[1].received.begin
@@ -282,17 +282,17 @@ def test_leader_without_positions_is_known_by_ballots() -> None:
     ballots = [ballot("spare1", SECOND, n, 13.0 + n / 10) for n in range(10)]
     (one,) = found_terms(ballots)
     assert (one.name, one.positions, one.ballots) == ("spare1", 0, 10)
-    assert one.published.end < one.published.begin  # none has come with a position
+    assert one.published.end < one.published.begin  # no position was received
     former, latter = found_terms([*leading(FIRST, 10.0, 13.5), *ballots])
     assert latter.received.begin < former.received.end
 
 
-def test_candidate_without_lease_does_not_lead() -> None:
+def test_ballots_for_votes_are_no_leader_term() -> None:
     wishes = [ballot("spare1", SECOND, n, 11.0 + n / 10, "candidate") for n in range(10)]
     assert [one.name for one in found_terms([*leading(FIRST, 10.0, 13.0), *wishes])] == ["robot1"]
 
 
-def test_invalid_messages_create_no_leader() -> None:
+def test_invalid_messages_create_no_leader_term() -> None:
     position = Sample("robot1/position", b"\0\1\0\0", b'{"publisher_id":"x"', 11.0)
     assert not found_terms([position, sample_of(BALLOT.key("spare1"), Text("[]"), 12.0)])
 
@@ -303,7 +303,7 @@ def test_invalid_messages_create_no_leader() -> None:
         min_size=1, max_size=6,
     )
 )  # fmt: skip
-def test_there_are_overlaps_exactly_where_one_begins_before_another_has_ended(
+def test_overlaps_are_found_exactly_if_terms_overlap(
     leader_terms: list[tuple[float, float]],
 ) -> None:
     samples, begin, clash, ended = list[Sample](), 10.0, False, 0.0
@@ -334,18 +334,18 @@ def test_report_shows_failover_and_robot_states(tmp_path: Path) -> None:
     assert ran == pytest.approx(dict.fromkeys(MISSION.followers, 4.0), abs=0.4)
 
 
-def test_a_report_says_first_if_two_led_at_once(tmp_path: Path) -> None:
+def test_first_notice_names_two_leaders_at_once(tmp_path: Path) -> None:
     fleet = Fleet(MISSION, term=FIRST)
     words = [*talk(fleet, 3.0), *leading(SECOND, 11.02, 13.0, late=0.002)]
     run = run_of(tmp_path, sorted(words, key=lambda one: one.arrived), read("six_robots")[0] + STANDBYS)
     assert next(iter(notices(run))).startswith("Two leaders at once: robot1 and spare1, for 2.0 s")
 
 
-def test_a_report_without_standbys_has_no_table_of_leaders(tmp_path: Path) -> None:
+def test_report_without_standbys_has_no_leader_terms(tmp_path: Path) -> None:
     assert not tables.leader_terms(run_of(tmp_path, talk(Fleet(), 2.0))).rows
 
 
-def test_a_run_that_has_just_settled_says_the_rule() -> None:
+def test_verdict_of_just_settled_run_names_the_rule() -> None:
     snapshot = SimpleNamespace(final_error=0.01, settled_at=4.5, converged=False)
     run: Any = SimpleNamespace(
         mission=SimpleNamespace(settled=0.05), messages=1, known=True, snapshot=snapshot
@@ -357,7 +357,7 @@ def test_a_run_that_has_just_settled_says_the_rule() -> None:
 
 
 def thinned(rows: Iterable[Sequence[float]], **how: Any) -> Curves:
-    """What is kept of rows that come once a second."""
+    """Curves of rows that come once a second."""
     rows = list(rows)
     series = Extremes(len(rows[0]), **how)
     for i, row in enumerate(rows):
@@ -365,13 +365,13 @@ def thinned(rows: Iterable[Sequence[float]], **how: Any) -> Curves:
     return series.curves(0.0)
 
 
-def test_a_short_series_is_kept_as_it_is() -> None:
+def test_short_series_is_kept_unchanged() -> None:
     time, values = thinned((i, -i) for i in range(100)).line(1)
     assert time == pytest.approx(np.arange(100.0))
     assert values == pytest.approx(-np.arange(100.0))
 
 
-def test_a_long_series_stays_bounded_keeps_its_beginning_and_every_peak() -> None:
+def test_long_series_is_thinned_but_keeps_beginning_and_peak() -> None:
     values = np.sin(np.arange(100_000.0))
     values[54_321] = 1000.0
     curves = thinned(values[:, None], most=64, head=16)
@@ -385,7 +385,7 @@ def test_a_long_series_stays_bounded_keeps_its_beginning_and_every_peak() -> Non
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
-def test_thinning_loses_no_extreme(values: list[float]) -> None:
+def test_thinning_keeps_the_extremes(values: list[float]) -> None:
     curves = thinned([(value,) for value in values], most=8, head=2)
     assert (curves.low.min(), curves.high.max()) == (min(values), max(values))
     time, line = curves.line(0)
@@ -393,11 +393,11 @@ def test_thinning_loses_no_extreme(values: list[float]) -> None:
     assert {min(values), max(values)} <= set(line)
 
 
-def test_what_is_not_known_does_not_hide_what_is() -> None:
+def test_thinning_ignores_unknown_values() -> None:
     assert (thinned([(1.0,), (np.nan,)] * 32, most=4, head=0).low == 1.0).all()
 
 
-def test_vectors_are_thinned_to_the_first_of_each_few() -> None:
+def test_thinned_vectors_are_original_samples() -> None:
     ways = Samples(1, most=32, head=8)
     for i in range(5_000):
         ways.add(float(i), (complex(i, -i),))
@@ -417,7 +417,7 @@ def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
     assert len(spread._values) <= 1024
 
 
-def test_rms_and_maximum_are_of_magnitudes() -> None:
+def test_rms_and_maximum_use_magnitudes() -> None:
     size = Size()
     assert (size.rms, size.maximum, Spread().percentile(0.5)) == (None, None, None)
     size.add(3.0)

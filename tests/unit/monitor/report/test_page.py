@@ -1,4 +1,4 @@
-"""The page as text: complete, in one piece, and the same wherever it is opened."""
+"""The report page as text: complete and self-contained."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TEXT = read("six_robots")[0]
 
 
 class Read(HTMLParser):
-    """What a browser would make of a page: tags closed in order, ids, and what it would load."""
+    """Parse a page like a browser: closed tags, ids, headings, pictures, and what it would load."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have pages without pictures, which take most of the time."""
+    """Make pages without pictures, which take most of the time."""
     monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
 
 
@@ -92,7 +92,7 @@ IMAGES = {"one": 8, "two": 1 + 2 * 6 + 2}
 
 
 @pytest.mark.parametrize("runs", ["one", *slow("two")])
-def test_a_page_loads_nothing_repeats_no_id_and_names_every_picture(
+def test_page_is_self_contained_with_unique_ids_and_picture_labels(
     runs: str, request: pytest.FixtureRequest
 ) -> None:
     text = request.getfixturevalue(runs)
@@ -110,7 +110,7 @@ def test_a_page_loads_nothing_repeats_no_id_and_names_every_picture(
     assert used <= set(read.ids)
 
 
-def test_a_page_tells_all_there_is_to_tell(one: str) -> None:
+def test_page_contains_all_sections(one: str) -> None:
     for reported in (
         "Converged: formation error under 5 cm since", "RMS, settled", "u at its limit", "delay p50",
         "From odometry to command", "The leader&#39;s orders", "joined", "whole", "mission fingerprint",
@@ -120,14 +120,14 @@ def test_a_page_tells_all_there_is_to_tell(one: str) -> None:
         assert reported in one
 
 
-def test_text_in_pictures_stays_text_and_follows_the_pages_colours(one: str) -> None:
+def test_picture_text_is_text_in_page_colours(one: str) -> None:
     assert re.search(r"<text[^>]*>\s*time \[s\]\s*</text>", one)
     assert "var(--ink)" in one
     assert "#000000" not in one
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_two_runs_stand_beside_each_other_with_their_ratio(folder: Path) -> None:
+def test_page_of_two_runs_compares_them_with_a_ratio(folder: Path) -> None:
     two = made(folder, "field", "paper")
     assert "A: six-robots, field law" in two
     assert "B: six-robots, paper law" in two
@@ -137,7 +137,7 @@ def test_two_runs_stand_beside_each_other_with_their_ratio(folder: Path) -> None
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path) -> None:
+def test_page_names_differences_between_missions(folder: Path, tmp_path: Path) -> None:
     record(tmp_path / "other.mcap", talk(Fleet(), 2.0), edited(TEXT, "law", "k_p = 3.0"))
     runs = [gathered(folder / "field.mcap"), gathered(tmp_path / "other.mcap")]
     assert differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
@@ -146,29 +146,29 @@ def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path
     assert "law.k_p: 2.0 in A, 3.0 in B" in text
 
 
-def test_a_law_alone_makes_no_other_mission(folder: Path) -> None:
+def test_different_law_is_no_mission_difference(folder: Path) -> None:
     field, paper = (gathered(folder / f"{law}.mcap").mission for law in ("field", "paper"))
     assert field != paper
     assert differences(field, paper) == []
 
 
-def test_what_a_robot_says_cannot_become_part_of_the_page(tmp_path: Path) -> None:
+def test_script_in_messages_does_not_reach_the_page(tmp_path: Path) -> None:
     script = b"<script>alert(1)</script>"
     bad = [one._replace(attachment=script) for one in talk(Fleet(), 1.0) if "robot1/" in one.key]
     record(tmp_path / "run.mcap", bad)
     assert "<script" not in made(tmp_path, "run", check="<script>")
 
 
-def test_pages_of_runs_of_which_little_is_known_are_made(tmp_path: Path) -> None:
-    said = talk(Fleet(), 1.0)
+def test_page_is_made_of_nearly_empty_recordings(tmp_path: Path) -> None:
+    samples = talk(Fleet(), 1.0)
     record(tmp_path / "empty.mcap", [])
-    record(tmp_path / "unknown.mcap", [sample for sample in said if "robot3" not in sample.key])
-    record(tmp_path / "one.mcap", said[:1])
+    record(tmp_path / "unknown.mcap", [sample for sample in samples if "robot3" not in sample.key])
+    record(tmp_path / "one.mcap", samples[:1])
     Read(made(tmp_path, "one"))
     Read(made(tmp_path, "empty", "unknown"))
 
 
-def test_an_inlined_figure_has_ids_of_its_own() -> None:
+def test_inlined_figure_has_prefixed_ids() -> None:
     source = '<?xml?><svg width="1"viewBox="0 0 9 9"><g id="a"/><g id="b"/><use xlink:href="#a"/></svg>'
     assert inline(source, "x", 'a "b"') == (
         '<svg viewBox="0 0 9 9" role="img" aria-label="a &quot;b&quot;">'
@@ -194,7 +194,7 @@ def test_an_inlined_figure_has_ids_of_its_own() -> None:
                        0.0: "× 0"}),
     ],
 )  # fmt: skip
-def test_a_quantity_is_written_for_people(
+def test_quantities_are_formatted_with_units(
     write: Callable[[float | None], str], texts: dict[float | None, str]
 ) -> None:
     assert {value: write(value) for value in texts} == texts

@@ -35,7 +35,7 @@ def rows(one: dict[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-def test_a_page_is_told_once_what_does_not_change() -> None:
+def test_hello_contains_mission_and_robot_constants() -> None:
     reported = hello(MISSION, live=True, control=False, version="1.2.3")
     assert reported.items() >= {
         "live": True, "control": False, "mission": "six-robots", "law": "field",
@@ -52,7 +52,7 @@ def test_a_page_is_told_once_what_does_not_change() -> None:
     assert hello(MISSION, live=False, control=False, version="", law="paper")["law"] == "paper"
 
 
-def test_edges_and_shapes_go_by_the_robots_places_in_the_list() -> None:
+def test_edges_and_shapes_use_the_order_of_robots() -> None:
     reported = hello(MISSION, live=True, control=False, version="")
     names = [(MISSION.names[i], MISSION.names[j]) for i, j in reported["edges"]]
     assert names == [(one, other) for one in MISSION.names for other in MISSION.robots[one].neighbours]
@@ -60,16 +60,16 @@ def test_edges_and_shapes_go_by_the_robots_places_in_the_list() -> None:
     assert reported["shapes"]["wedge"][0] == [0.0, 0.0]
     assert tuple(reported["shapes"]["wedge"][2]) == MISSION.shapes["wedge"]["robot3"]
     snapshot = Metrics(MISSION).snapshot(now(0.0))
-    assert names == [tuple(edge) for edge in snapshot.edges]  # so a frame's errors stand in the same order
+    assert names == [tuple(edge) for edge in snapshot.edges]  # a frame's errors have the same order
 
 
-def test_a_page_is_told_what_stands_in_the_simulated_world() -> None:
+def test_hello_contains_simulated_posts_and_walls() -> None:
     reported = hello(load("posts"), live=True, control=False, version="")
     assert reported["posts"][1] == [2.6, -0.4, 0.06]
     assert reported["walls"] == [[3.4, -1.2, 5.0, -0.45]]
 
 
-def test_a_frame_shows_every_robot_at_one_moment() -> None:
+def test_frame_shows_all_robots_at_one_moment() -> None:
     fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
     metrics = received(fleet)
     one = frame(MISSION, metrics, now(11.0))
@@ -90,7 +90,7 @@ def test_a_frame_shows_every_robot_at_one_moment() -> None:
     assert one["error"] == pytest.approx(sum(one["e"]), abs=1e-3)
 
 
-def test_figures_are_in_the_columns_that_the_page_is_told_of() -> None:
+def test_frame_values_are_in_their_columns() -> None:
     metrics = received(Fleet())
     receive(
         metrics, [command("robot4", 10.98, -0.75, 0.3), status("robot4", 10.9, "hold", "the leader holds")]
@@ -106,7 +106,7 @@ def test_figures_are_in_the_columns_that_the_page_is_told_of() -> None:
     assert row["error"] == 0.0
 
 
-def test_the_truth_is_shown_where_it_is_known() -> None:
+def test_frame_shows_ground_truth_if_known() -> None:
     row = rows(frame(MISSION, received(Fleet(), truths=True), now(11.0)))["robot2"]
     assert row["heading_error"] == pytest.approx(0.25, abs=1e-3)
     true_centre = complex(row["true_x"], row["true_y"])
@@ -139,7 +139,7 @@ def test_frame_without_any_message_is_complete() -> None:
     json.dumps(one, allow_nan=False)
 
 
-def test_recording_and_replay_are_passed_on_as_they_are() -> None:
+def test_frame_contains_given_recording_and_replay() -> None:
     recording = {"path": "a.mcap", "bytes": 5, "seconds": 1.0, "failure": None}
     replay = {"t": 1.0, "start": 0.0, "end": 2.0, "speed": 1.0, "paused": True}
     one = frame(MISSION, Metrics(MISSION), now(0.0), recording=recording, replay=replay)
@@ -147,13 +147,13 @@ def test_recording_and_replay_are_passed_on_as_they_are() -> None:
     assert "replay" not in frame(MISSION, Metrics(MISSION), now(0.0))
 
 
-def test_a_snapshot_that_was_made_already_is_not_made_again() -> None:
+def test_frame_of_given_snapshot_equals_frame_without_it() -> None:
     metrics = received(Fleet())
     again = frame(MISSION, metrics, now(11.0), snapshot=metrics.snapshot(now(11.0)))
     assert again == frame(MISSION, metrics, now(11.0))
 
 
-def test_numbers_are_as_short_as_a_page_needs_them() -> None:
+def test_frame_numbers_have_at_most_four_decimals() -> None:
     fleet = Fleet(away=lambda robot, _: complex(0.0123456789, 0) if robot == "robot3" else 0j)
     one = frame(MISSION, received(fleet), now(11.0))
     values = [value for row in one["r"] for value in row if isinstance(value, float)]
@@ -162,7 +162,7 @@ def test_numbers_are_as_short_as_a_page_needs_them() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_does_not_reach_the_page(value: float) -> None:
+def test_nan_and_infinity_become_null(value: float) -> None:
     metrics = received(Fleet())
     snapshot = metrics.snapshot(now(11.0))
     strange = replace(snapshot.robots["robot2"], speed=value, heading_error=value)
@@ -172,20 +172,20 @@ def test_what_is_no_number_does_not_reach_the_page(value: float) -> None:
     assert (one["error"], rows(one)["robot2"]["speed"]) == (None, None)
 
 
-def test_an_event_has_its_number() -> None:
+def test_event_is_encoded_with_its_number() -> None:
     assert event(7, Event(1001.23456, 30, "robot2", "stopped", "no beat")) == {
         "n": 7, "at": 1001.235, "level": 30, "robot": "robot2", "kind": "stopped", "text": "no beat",
     }  # fmt: skip
 
 
 def turning(time: float) -> dict[str, Any]:
-    """Between the hexagon and a wedge, turning and growing."""
+    """Order at `time`: between the hexagon and a wedge that is rotated and scaled."""
     part = min(max((time - 10.0) / 2.0, 0.0), 0.9)
     slots = Slots(mix={"hexagon": 1.0 - part, "wedge": part}, rotation=part, scale=1.0 + part)
     return {"shape": "wedge", "rotation": 1.2, "scale": 2.0, "slots": slots}
 
 
-def test_slots_are_drawn_correctly_during_shape_transition() -> None:
+def test_frame_slots_are_correct_during_shape_transition() -> None:
     one = frame(MISSION, received(Fleet(wants=turning)), now(11.0))
     for row in rows(one).values():
         slot, point = complex(row["slot_x"], row["slot_y"]), complex(row["point_x"], row["point_y"])

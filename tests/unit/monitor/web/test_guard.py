@@ -32,12 +32,12 @@ def test_host_addresses_and_names_of_machine_are_accepted(host: str) -> None:
         "127.0.0.1:8460/attacker.example", "[::1", "1.2.3", "0x7f000001.attacker", "desk example",
     ],
 )  # fmt: skip
-def test_no_other_name_gets_an_answer_whatever_it_resolves_to(host: str) -> None:
+def test_foreign_host_is_refused(host: str) -> None:
     assert not host_is_ours(host, NAMES)
 
 
 @given(st.text())
-def test_a_host_that_makes_no_sense_is_refused_and_nothing_breaks(host: str) -> None:
+def test_random_host_is_checked_without_error(host: str) -> None:
     assert not host_is_ours(f"{host}.attacker", NAMES)
     host_is_ours(host, NAMES)
 
@@ -47,19 +47,19 @@ def test_name_that_page_is_bound_to_is_accepted() -> None:
 
 
 @pytest.mark.parametrize("origin", [None, "http://desk:8460", "http://DESK:8460"])
-def test_request_of_the_own_page_is_accepted(origin: str | None) -> None:
+def test_origin_of_own_page_is_accepted(origin: str | None) -> None:
     assert origin_is_ours(origin, "desk:8460")
 
 
 @pytest.mark.parametrize(
     "origin", ["http://desk:8461", "https://desk:8460", "http://attacker.example", "null", ""]
 )
-def test_request_of_another_page_is_refused(origin: str) -> None:
+def test_origin_of_another_page_is_refused(origin: str) -> None:
     assert not origin_is_ours(origin, "desk:8460")
 
 
 def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int, dict[str, str]]:
-    """Status and headers of what comes through the gate, 299 if it was let through."""
+    """Status and headers of the reply to a request; 299 if the guard passed the request on."""
     sent: list[Message] = []
 
     async def app(_scope: Scope, _receive: Receive, send: Send) -> None:
@@ -70,7 +70,7 @@ def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int,
         sent.append(message)
 
     async def receive() -> Message:
-        raise AssertionError("the gate does not read")
+        raise AssertionError("the guard must not read the body")
 
     where, _, query = path.partition("?")
     scope: dict[str, Any] = {
@@ -85,7 +85,7 @@ def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int,
     return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}
 
 
-def test_only_own_hosts_and_origins_are_allowed() -> None:
+def test_foreign_hosts_origins_and_long_paths_are_refused() -> None:
     assert answered(host="desk:8460")[0] == 299
     assert answered(host="attacker.example")[0] == 421
     assert answered()[0] == 421
@@ -94,14 +94,14 @@ def test_only_own_hosts_and_origins_are_allowed() -> None:
         ("POST", 403),
         ("DELETE", 403),
         ("GET", 299),
-    ):  # browsers keep answers to GET from it
+    ):  # browsers keep replies to GET from the page
         assert answered(method, host="desk", origin="http://attacker.example")[0] == code
     for path in ("/" + 2000 * "a", "/?" + 2000 * "a"):
         assert answered(path=path, host="desk")[0] == 414
 
 
 @pytest.mark.parametrize("host", ["desk", "attacker.example"])
-def test_every_answer_tells_browsers_to_run_nothing_that_is_not_ours(host: str) -> None:
+def test_every_reply_has_security_headers(host: str) -> None:
     headers = answered(host=host)[1]
     policy = headers["content-security-policy"]
     assert policy.startswith("default-src 'self';")

@@ -1,4 +1,4 @@
-"""Orders from several pages, and clicks that come twice: which is given, and which goes on being put."""
+"""Orders from several pages and repeated clicks: which ones are given, and which are still sent."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from formation.protocol.stops import RESTS
 LATER = max(DOUBLE_CLICK_TIME, UNSEEN_STOP_TIME) + 0.1
 
 
-WITH: dict[str, dict[str, Any]] = {
+FIELDS: dict[str, dict[str, Any]] = {
     "shape": {"shape": "wedge"},
     "rotate": {"degrees": -30.0},
     "scale": {"factor": 1.5},
     "speed": {"speed": 0.1, "degrees": 90.0},
     "route": {"legs": (Straight(speed=0.1, heading_deg=0.0),)},
 }
-"""What belongs to an order."""
-GOING = ["run", "release", *WITH]
-"""What may set robots going."""
+"""Fields that an order needs."""
+STARTING = ["run", "release", *FIELDS]
+"""Orders that may start robots."""
 
 
 def request(do: Any) -> OperatorRequest:
-    return OperatorRequest(do=do, **WITH.get(do, {}))
+    return OperatorRequest(do=do, **FIELDS.get(do, {}))
 
 
 def give(orders: Precedence, do: str, now: float, **how: Any) -> Given:
@@ -48,8 +48,8 @@ def finished(one: Given) -> Given:
     return one
 
 
-@pytest.mark.parametrize("do", ["hold", *GOING])
-def test_the_second_click_of_a_double_click_gives_no_second_order(do: str) -> None:
+@pytest.mark.parametrize("do", ["hold", *STARTING])
+def test_double_click_gives_one_order(do: str) -> None:
     orders = Precedence()
     first, new = orders.give(request(do), 0.0)
     assert new
@@ -59,7 +59,7 @@ def test_the_second_click_of_a_double_click_gives_no_second_order(do: str) -> No
     assert orders.give(request(do), DOUBLE_CLICK_TIME + 0.1)[1]
 
 
-def test_what_is_asked_again_after_something_else_is_no_double_click() -> None:
+def test_request_repeated_after_another_is_new() -> None:
     orders = Precedence()
     first = give(orders, "run", 0.0)
     give(orders, "shape", 0.2)
@@ -81,7 +81,7 @@ def test_changed_value_is_new_request_repetition_is_not(do: str, name: str, valu
         assert orders.give(again, 0.1 * number + 0.05) == (given, False)
 
 
-def test_every_stop_is_given() -> None:
+def test_every_repeated_stop_is_given() -> None:
     orders = Precedence()
     stops = [orders.give(request("stop"), 0.1 * number, click="same") for number in range(5)]
     assert all(new for _, new in stops)
@@ -104,7 +104,7 @@ def test_same_click_with_other_request_is_new() -> None:
     assert orders.give(request("stop"), 20.0, click="a")[1]
 
 
-@pytest.mark.parametrize("do", GOING)
+@pytest.mark.parametrize("do", STARTING)
 def test_motion_is_refused_while_stop_is_unanswered(do: str) -> None:
     orders = Precedence()
     stop = give(orders, "stop", 0.0)
@@ -116,8 +116,8 @@ def test_motion_is_refused_while_stop_is_unanswered(do: str) -> None:
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
-@pytest.mark.parametrize("do", GOING)
-def test_of_two_pages_with_different_wishes_the_one_that_stops_wins(rest: str, do: str) -> None:
+@pytest.mark.parametrize("do", STARTING)
+def test_motion_is_refused_just_after_stop_or_hold(rest: str, do: str) -> None:
     orders = Precedence()
     finished(give(orders, rest, 5.0))
     with pytest.raises(Overruled, match="just now"):
@@ -125,7 +125,7 @@ def test_of_two_pages_with_different_wishes_the_one_that_stops_wins(rest: str, d
     assert not give(orders, do, 5.0 + 1.1 * UNSEEN_STOP_TIME).over
 
 
-def test_page_older_than_the_stop_has_not_seen_it() -> None:
+def test_release_from_page_older_than_stop_is_refused() -> None:
     orders = Precedence()
     finished(give(orders, "stop", 5.0))
     with pytest.raises(Overruled, match="just now"):
@@ -133,9 +133,9 @@ def test_page_older_than_the_stop_has_not_seen_it() -> None:
     assert not give(orders, "release", 7.5, behind=0.1).over
 
 
-def test_a_page_that_hangs_may_stop_and_hold_and_nothing_else() -> None:
+def test_outdated_page_may_only_stop_and_hold() -> None:
     orders = Precedence()
-    for do in GOING:
+    for do in STARTING:
         for behind, ago in ((12.0, "12 s ago"), (1.7e9, "long ago")):
             with pytest.raises(Overruled, match=f"shows what was {ago}"):
                 give(orders, do, 100.0, behind=behind)
@@ -143,7 +143,7 @@ def test_a_page_that_hangs_may_stop_and_hold_and_nothing_else() -> None:
         assert not give(orders, do, 101.0, behind=12.0).over
 
 
-def test_what_is_closed_is_put_no_more() -> None:
+def test_close_ends_sending() -> None:
     orders = Precedence()
     one = give(orders, "hold", 0.0)
     orders.close()
@@ -151,9 +151,9 @@ def test_what_is_closed_is_put_no_more() -> None:
 
 
 wishes = st.tuples(
-    st.sampled_from(["stop", "hold", *GOING]),
-    st.floats(0.0, 2.0),  # since the wish before [s]
-    st.booleans(),  # whether that has been answered by now
+    st.sampled_from(["stop", "hold", *STARTING]),
+    st.floats(0.0, 2.0),  # time since the wish before [s]
+    st.booleans(),  # whether all wishes before are answered
     st.sampled_from(["", "", "a", "b"]),
     st.none() | st.floats(0.0, 2 * MAX_SHOWN_AGE),
 )

@@ -41,7 +41,7 @@ def test_only_newest_frame_is_kept_and_encoded() -> None:
     assert one.look == (3, b'id: 3\nevent: frame\ndata: {"t":2}\n\n', {"t": 2}, SEEN)
 
 
-def test_history_and_events_do_not_grow_for_ever() -> None:
+def test_history_and_events_are_bounded() -> None:
     one = source()
     for number in range(3 * HISTORY_VALUES):
         one.observe(float(number), 0.0)
@@ -76,18 +76,18 @@ def test_restart_drops_earlier_history_and_events() -> None:
     assert one.look is None
 
 
-@pytest.mark.parametrize("people", [0, 2])
-def test_source_is_wanted_only_with_viewers(people: int) -> None:
+@pytest.mark.parametrize("viewers", [0, 2])
+def test_source_is_wanted_only_with_viewers(viewers: int) -> None:
     one = source()
     assert one.wanted is False
     one.looking(2)
-    one.looking(people)
-    assert one.wanted is (people > 0)
+    one.looking(viewers)
+    assert one.wanted is (viewers > 0)
 
 
 def test_frames_events_and_restarts_wake_server_until_detached() -> None:
     one, woken = source(), []
-    one.show({}, SEEN)  # nobody serves yet
+    one.show({}, SEEN)  # no server is attached yet
     one.wakes(lambda: woken.append(1))
     one.show({}, SEEN)
     one.note(happened(1))
@@ -98,7 +98,7 @@ def test_frames_events_and_restarts_wake_server_until_detached() -> None:
     assert len(woken) == 3
 
 
-def test_what_is_no_json_is_refused_where_it_is_put_in() -> None:
+def test_nan_and_infinity_are_refused() -> None:
     one = source()
     with pytest.raises(ValueError, match="JSON"):
         one.show({"t": float("nan")}, SEEN)
@@ -108,7 +108,7 @@ def test_what_is_no_json_is_refused_where_it_is_put_in() -> None:
     assert one.events(0) == (0, b"")
 
 
-def test_one_thread_may_put_in_while_another_takes_out() -> None:
+def test_threads_may_write_and_read_concurrently() -> None:
     one = source()
 
     def put() -> None:

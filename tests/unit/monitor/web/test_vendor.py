@@ -1,4 +1,4 @@
-"""What the page consists of is here, all of it, and is what it is said to be."""
+"""Files of the live page: local, documented, and with the hashes in their README."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OWN = [path for path in sorted(SITE.rglob("*")) if path.is_file() and VENDOR not
 
 
 class References(HTMLParser):
-    """Everything that a document has a browser load."""
+    """Everything that a browser loads for a document."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class References(HTMLParser):
         self.inline += [name for name in named if name == "style" or name.startswith("on")]
 
 
-def test_what_came_from_elsewhere_is_what_its_readme_says() -> None:
+def test_vendor_files_match_hashes_in_readme() -> None:
     result = dict(re.findall(r"\| `(\S+)` \| `([0-9a-f]{64})` \|", (VENDOR / "README.md").read_text()))
     there = {path.name: sha256(path.read_bytes()).hexdigest() for path in VENDOR.iterdir()}
     assert there.pop("README.md")
@@ -39,7 +39,7 @@ def test_what_came_from_elsewhere_is_what_its_readme_says() -> None:
     assert b"v1.6.32" in (VENDOR / "uPlot.iife.min.js").read_bytes()[:100]
 
 
-def test_the_page_loads_nothing_that_is_not_here() -> None:
+def test_page_loads_only_files_of_the_site() -> None:
     page = References((SITE / "index.html").read_text())
     assert page.found
     assert not [name for name in page.found if not (SITE / name).is_file()]
@@ -47,13 +47,13 @@ def test_the_page_loads_nothing_that_is_not_here() -> None:
 
 
 @pytest.mark.parametrize("path", OWN, ids=lambda path: path.name)
-def test_no_file_of_the_page_names_another_server(path: Path) -> None:
+def test_page_files_contain_no_external_urls(path: Path) -> None:
     text = path.read_text().replace("http://www.w3.org/2000/svg", "")
     assert not re.search(r"https?:|[\"'(]//\w", text)
 
 
 @pytest.mark.parametrize("path", [path for path in OWN if path.suffix == ".js"], ids=lambda path: path.name)
-def test_a_script_says_what_it_is_for_and_stays_short(path: Path) -> None:
+def test_scripts_are_documented_short_and_import_existing_files(path: Path) -> None:
     text = path.read_text()
     assert text.startswith("/**")
     assert text.count("\n") <= 250

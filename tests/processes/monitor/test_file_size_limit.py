@@ -1,4 +1,4 @@
-"""A recorder whose files may not grow, and one that is killed."""
+"""A recorder with a limit of file size (RLIMIT_FSIZE)."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def limited(path: Path, limit: int) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        cwd=Path(__file__).parents[4],
+        cwd=Path(__file__).parents[3],
         timeout=60,
     )
 
 
-def test_full_disk_at_start_leaves_no_file(tmp_path: Path) -> None:
+def test_file_size_limit_of_zero_leaves_no_file(tmp_path: Path) -> None:
     done = limited(tmp_path / "run.mcap", 0)
     assert done.returncode == 2, done.stderr
     assert "run.mcap: cannot be written: File too large" in done.stdout
