@@ -15,13 +15,23 @@ from typing import Any
 
 from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
 from tests.campaigns.parts import command_line
-from tests.campaigns.reliability import campaign, failover, faults, network, sensors, shapes, soak, stop
+from tests.campaigns.reliability import (
+    campaign,
+    failover,
+    faults,
+    network,
+    orders,
+    sensors,
+    shapes,
+    soak,
+    stop,
+)
 from tests.campaigns.reliability.campaign import Options, tell
 from tests.support.needs import missing
 
 PARTS: Mapping[str, Any] = {
     part.__name__.rpartition(".")[2]: part
-    for part in (faults, sensors, network, stop, failover, shapes, soak)
+    for part in (faults, sensors, network, stop, orders, failover, shapes, soak)
 }
 """Modules with a TITLE, ABOUT (what was done, in sentences), NAMES of their rows, and `run(options)`.
 

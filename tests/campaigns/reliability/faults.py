@@ -87,15 +87,15 @@ def _row(kind: str, role: str, title: str, victim: Callable[[Fleet], str]) -> Ro
 
 def _mute(fleet: Fleet, process: str) -> None:
     computer, pid = fleet.computer(process), fleet.running[process].pid
-    until(lambda: _local_port(computer, pid), what="the watchdog has a link with its robot")
-    port = _local_port(computer, pid)
+    until(lambda: local_port(computer, pid), what="the watchdog has a link with its robot")
+    port = local_port(computer, pid)
     hook = "type filter hook input priority 0;"
     computer.nft(f"add table inet mute; add chain inet mute in {{ {hook} }}")
     for side in ("sport", "dport"):
         computer.nft(f"add rule inet mute in tcp {side} {port} drop")
 
 
-def _local_port(computer: Computer, pid: int) -> str | None:
+def local_port(computer: Computer, pid: int) -> str | None:
     """Of a process's link with the robot."""
     done = computer.run(path_of("ss"), "-tnpH", "state", "established", "dport = :7447")
     lines = [line for line in done.stdout.splitlines() if f"pid={pid}," in line]

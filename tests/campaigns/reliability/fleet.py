@@ -14,6 +14,7 @@ What systemd does on a robot, which is to start again what died, is done by whoe
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import signal
 import subprocess
@@ -80,6 +81,12 @@ class Fleet:
         self.field = Field(aside=True)
         self.running: dict[str, Running] = {}
         self.seen = Seen(self.mission)
+        self.obeying: dict[str, float] = {}
+        """When robots acknowledged a stop or a hold since the last `run` [s, monotonic]."""
+        self.freed = math.inf
+        """When all were last ordered to run [s, monotonic]."""
+        self.wrong: list[str] = []
+        """What went wrong while the present try was made."""
         self._recordings = 0
         self._parted = False
 
@@ -109,8 +116,8 @@ class Fleet:
         for name in sorted(self.names, key=lambda name: not name.startswith("robot")):
             self.start(name)
         file = self.folder / "seen.jsonl"
-        fleet = [f"tcp/{self._aside(name)}:{FLEET}" for name in self.mission.candidates]
-        robots = {name: f"tcp/{self._aside(name)}:7447" for name in self.followers}
+        fleet = [f"tcp/{self.aside(name)}:{FLEET}" for name in self.mission.candidates]
+        robots = {name: f"tcp/{self.aside(name)}:7447" for name in self.followers}
         words = (json.dumps(fleet), json.dumps(robots))
         look = self.field.computers[WITNESS].start(
             *module("tests.campaigns.reliability.witness"), self.path, file, *words
@@ -122,8 +129,8 @@ class Fleet:
         self.seen = Seen(self.mission, file)
         until(self._sees_all, START, "the witness sees every robot and the leader")
 
-    def _command(self, process: str) -> Words:
-        """The command line of a process, as in the field; a robot's with clocks that can be set."""
+    def _command(self, process: str, path: Path) -> Words:
+        """The command line of a process, as in the field, with clocks that can be set."""
         part, _, name = process.partition(" ")
         where = wiring.endpoints(self.mission)
         own: Words = ("--robot", name)
@@ -131,22 +138,23 @@ class Fleet:
             case "monitor":
                 own = ("--record", self.recording, "--no-page", "--no-stage", "--snapshots")
                 links = self._linked(Links((), tuple(where.agents.values())))
-                return (*module("formation.monitor"), self.path, *own, *links)
+                return (*module("formation.monitor"), path, *own, *links)
             case "robot":
-                clocked = self._clocked(name, "driver.clock", "formation.agent.simulated")
+                clocked = self._clocked(name, "driver.clock", "formation.agent.simulated", path)
                 return (*clocked, *own, "-l", "tcp/0.0.0.0:7447")
             case "watchdog":
-                return (*self._clocked(name, "clock", "formation.agent.watchdog"), *own)
+                return (*self._clocked(name, "clock", "formation.agent.watchdog", path), *own)
         links = self._linked(wiring.of_member(self.mission, name or self.mission.leader, where))
         if part == "agent":
             state = ("--state", self.folder / "state" / name)
-            return (*self._clocked(name, "clock", "formation.agent"), *own, *state, *links)
+            return (*self._clocked(name, "clock", "formation.agent", path), *own, *state, *links)
         own = ("--standby", name) if part == "standby" else ()
-        return (*module("formation.leader"), self.path, *own, *links)
+        leads = name or self.mission.leader
+        return (*self._clocked(leads, "clock", "formation.leader", path), *own, *links)
 
-    def _clocked(self, robot: str, clock: str, runs: str) -> Words:
+    def _clocked(self, robot: str, clock: str, runs: str, path: Path) -> Words:
         clocked = module("tests.campaigns.reliability.clocked")
-        return (*clocked, self.folder / f"{robot}.{clock}", runs, self.path)
+        return (*clocked, self.folder / f"{robot}.{clock}", runs, path)
 
     def _linked(self, links: Links) -> list[str]:
         words: list[str] = []
@@ -159,10 +167,10 @@ class Fleet:
         owner = {"leader": self.mission.leader, "monitor": DESK}.get(process, process.rpartition(" ")[2])
         return self.field.computers[owner]
 
-    def start(self, process: str) -> Running:
-        """Start a process, for the first time or again, by its real command line."""
+    def start(self, process: str, *flags: str, mission: Path | None = None) -> Running:
+        """Start a process, for the first time or again, by its real command line, or with another mission."""
         self._recordings += process == "monitor"
-        one = self.computer(process).start(*self._command(process))
+        one = self.computer(process).start(*self._command(process, mission or self.path), *flags)
         self.running[process] = one
         return one
 
@@ -221,7 +229,7 @@ class Fleet:
             self.field.computers[name].roam()
 
     def set_clock(self, robot: str, off: float, *, driver: bool) -> None:
-        """Set the clock of a robot's agent and watchdog, and of its `driver`, so far off [s]."""
+        """Set the clock of a leader, or of an agent, a watchdog and maybe a `driver`, so far off [s]."""
         for clock in ("clock", "driver.clock") if driver else ("clock",):
             (self.folder / f"{robot}.{clock}").write_text(str(off))
 
@@ -278,6 +286,6 @@ class Fleet:
         self.seen.read_on()
         return self.seen.now > 0.0
 
-    def _aside(self, name: str) -> str:
+    def aside(self, name: str) -> str:
         """Address of a computer on the network of whoever looks on."""
         return f"{ASIDE}.{self.field.computers[name].address.rpartition('.')[2]}"
