@@ -72,7 +72,7 @@ EXAMPLES = """\
   formation order six_robots tune k_p=3
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation order field stop                 robots with certificates, by the folder of their bundles
-  formation order my_mission.toml stop -c operator/zenoh.json5     or with the operator's configuration
+  formation order my_mission.toml stop -c field/desk/operator.json5     or with the operator's configuration
 
 --json: what was ordered, with its id and when (at: seconds, system clock); leader: its name, or null;
 acknowledged and refused: [{robot, ms, mode, reason, code}], ms since the first question; missing: robots

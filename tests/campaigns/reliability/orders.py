@@ -172,6 +172,7 @@ def _wrong_clock(fleet: Fleet, leader: str) -> None:
 def _give(fleet: Fleet, do: str) -> tuple[int, dict[str, Any]]:
     """Give an order; note which robots acknowledge a stop or a hold, and when."""
     code, report = fleet.order(do)
+    assert "at" in report, f"{do}: {report}"
     if do in {"stop", "hold"}:
         at = report["at"] - (time.time() - time.monotonic())
         for one in report["acknowledged"]:
