@@ -28,7 +28,7 @@ from tests.support.namespaces import until
 FAR = 5.0 + 5.0j
 """Forged position, far from the robot [m; world frame]."""
 NEAR = -0.4 + 0.3j
-"""Plausible position of the robot in whose name the attacker publishes [m; world frame]."""
+"""Plausible position for the robot that the attacker pretends to be [m; world frame]."""
 
 
 def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:

@@ -29,7 +29,7 @@ from tests.support.namespaces import until
 TITLE = "Orders"
 MISSION = "patrol"
 DAY, HOUR = 86_400.0, 3600.0  # [s]
-LEASE = 3.0  # after so long without its robot an agent has noticed that [s]
+UNLINKED = 3.0  # after so long without its robot an agent has noticed that [s]
 ABOUT = f"""\
 Operator's orders at random moments to a fleet that drives straight on, while links are cut, processes are
 frozen or started anew, agents are doubled, missions are mixed or a leader's clock is wrong. *Stands* is from
@@ -76,7 +76,7 @@ def _lose_orders(fleet: Fleet, leader: str) -> None:
 
 
 def _freeze_agent(fleet: Fleet, _leader: str) -> None:
-    """A frozen agent finds both an earlier run and a later stop when it goes on."""
+    """An agent is frozen while a run and a stop are ordered; it may receive both when it goes on."""
     name = random.choice(fleet.followers)
     _give(fleet, "hold")
     time.sleep(random.uniform(0.3, 1.0))
@@ -98,7 +98,7 @@ def _cut_robot(fleet: Fleet, _leader: str) -> None:
         fleet.start(agent, "--readonly").event("ready")
     else:
         _cut_robot_of(fleet, name)
-    time.sleep(LEASE + random.uniform(0.0, 2.0))
+    time.sleep(UNLINKED + random.uniform(0.0, 2.0))
     code, report = _give(fleet, "stop")
     unstopped = {*report["unreached"], *report["missing"], *(one["robot"] for one in report["refused"])}
     if code != 1 or unstopped != {name}:
@@ -133,7 +133,7 @@ def _double_agent(fleet: Fleet, leader: str) -> None:
     words += ["--robot-connect", f"tcp/{fleet.aside(doubled)}:7447"]
     words += [word for end in endpoints(fleet.mission).agents.values() for word in ("-e", end)]
     second = fleet.field.computers[DESK].start(
-        *module("formation.agent"), fleet.path, "--robot", doubled, *words, "-m", "peer"
+        *module("formation.agent"), fleet.path, "--robot", doubled, *words
     )
     second.event("ready")
     time.sleep(random.uniform(0.0, 4.0))
@@ -236,7 +236,15 @@ def _any_agent(fleet: Fleet) -> str:
 ROWS = (
     Row("hold", "a hold while the leader is cut off", _cut_leader, _resume, _leading, _obeyed, 0.0),
     Row("release", "orders that miss one process each", _lose_orders, _resume, _leading, _obeyed, 0.0),
-    Row("late", "a frozen agent finds an old run", _freeze_agent, _resume, _leading, _obeyed, 0.0),
+    Row(
+        "late",
+        "an agent frozen while run and stop are ordered",
+        _freeze_agent,
+        _resume,
+        _leading,
+        _obeyed,
+        0.0,
+    ),
     Row("nowhere", "a stop to an agent without its robot", _cut_robot, _resume, _leading, _obeyed, 0.0),
     Row("double", "a second agent for a robot, in two parts", _double_agent, victim=_leading, lasts=0.0),
     Row("mixed", "an agent with another mission", _mix_missions, _restart, _any_agent, _held, 0.0),

@@ -40,7 +40,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def finished(store: Path, name: str, age: float = 0.0) -> Path:
-    """An environment whose installation was completed `age` [s] ago."""
+    """An environment that was installed `age` [s] ago."""
     environment = store / name
     (environment / "bin").mkdir(parents=True)
     (environment / "bin" / "python").symlink_to(sys.executable)

@@ -265,7 +265,7 @@ def test_process_not_ready_in_time_ends_run(runner: Runner, monkeypatch: pytest.
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_first_signal_ends_run_with_summary(runner: Runner, number: signal.Signals) -> None:
     kick = f"{runner.once_begun}; os.kill({os.getpid()}, {number.value})"
-    kicks = program(GOOD.replace("until_told()", f"until_told({kick!r})"), "somebody", "body")
+    kicks = program(GOOD.replace("until_told()", f"until_told({kick!r})"), "killer", "body")
     done = runner(*good_programs(), kicks, duration=60.0)
     assert done.code == 0
     assert done.result["interrupted"] is True
@@ -275,7 +275,7 @@ def test_first_signal_ends_run_with_summary(runner: Runner, number: signal.Signa
 
 def test_signal_before_ready_reports_no_killed_process(runner: Runner) -> None:
     kick = f"time.sleep(0.3); os.kill({os.getpid()}, {signal.SIGINT.value}); {GOOD}"
-    done = runner(program("time.sleep(600)", "slow"), program(kick, "somebody"))
+    done = runner(program("time.sleep(600)", "slow"), program(kick, "killer"))
     assert done.code == 1
     assert done.result["duration"] == 0.0
     assert done.result["processes"]["slow"]["exit"] == -signal.SIGTERM

@@ -35,7 +35,7 @@ class Now(Scene):
 
 @pytest.fixture
 def team() -> Team:
-    """A team whose robots are stopped, with a hold below the stop."""
+    """A team that was ordered to hold and then to stop."""
     team = Team()
     team.leader.request(b'{"do":"hold"}', 0.0)
     for name in SIX.names:

@@ -17,7 +17,7 @@ LONG = "/home/somebody/recordings/" + "a_name_that_is_rather_long_" * 4 + ".mcap
 
 @pytest.fixture
 def played() -> Iterator[Served]:
-    """A page of a replay whose frames the test sends."""
+    """The page of a replay; the test sends its frames."""
     with served(Scene(6, live=False)) as one:
         one.source.tell(recording="/home/somebody/recordings/run.mcap")
         one.feed()

@@ -72,7 +72,7 @@ class Robot:
         lag: float = LAG,
         **device: float,
     ) -> None:
-        """Scans come at `rate` [Hz], `delay` [s] late, except those whose numbers are `missing`.
+        """Scans come at `rate` [Hz], `delay` [s] late, except the scans with numbers in `missing`.
 
         Ranges below the scanner's minimum are `too_near`. The scanner is mounted `behind` the centre [m].
         Without `odometry` its agent knows only the commands. The wheels have a `lag`, as in the mission.

@@ -338,7 +338,7 @@ TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"]})
 
 @dataclass
 class SignedRecordedFleet(RecordedFleet, SignedFleet):
-    """A recorded fleet whose processes all have certificates."""
+    """A recorded fleet with a certificate for each process."""
 
     def passed(self, sample: Sample) -> None:
         self.record.append((sample, EPOCH + self.now))

@@ -253,7 +253,7 @@ def test_every_state_handles_alive_and_only_parking_disarms() -> None:
 
 
 def frozen() -> Watchdog:
-    """A watchdog whose agent has lived for 5 s; it is to be frozen now."""
+    """A watchdog 5 s after its agent started; the agent is frozen next."""
     watchdog = connected()
     run_loop(watchdog, 0.0, 4.99, steady(0.0, 4.95))
     return watchdog
