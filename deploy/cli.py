@@ -65,7 +65,7 @@ COMMANDS = {
     "deploy": Command(
         "deploy.cli", "bring a mission onto robots: certificates, bundles, push", FIELD, "deploy"
     ),
-    "doctor": Command("deploy.doctor.cli", "what is wrong with a robot or a team, and what to do", FIELD),
+    "doctor": Command("deploy.doctor.cli", "what is wrong with a robot or a fleet, and what to do", FIELD),
 }
 STEPS = {
     "certificates": Command(

@@ -88,7 +88,7 @@ def _words(
     text = [f"{mission.name}, {len(verdicts)} seed{'s' * (len(verdicts) > 1)}, faults: {_faults(plan)}"]
     for verdict in failed:
         text += [
-            f"  seed {verdict.seed}: {one.rule}: {one.time:.2f} s, {one.robot or 'the team'}: {one.what}"
+            f"  seed {verdict.seed}: {one.rule}: {one.time:.2f} s, {one.robot or 'the fleet'}: {one.what}"
             for one in verdict.violations
         ]
         if verdict.seed in lines:

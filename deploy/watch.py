@@ -146,7 +146,7 @@ def no_answer_message(mission: Mission, options: argparse.Namespace) -> str:
         )
     else:
         tries.append(
-            f"is {options.config} the monitor's, of this team, and not expired? formation doctor says"
+            f"is {options.config} the monitor's, of this fleet, and not expired? formation doctor says"
         )
     if mission.team:
         tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")

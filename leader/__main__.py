@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Lead until told to stop; return the exit code."""
     parser = flags.parser("leader", "Go along the mission's route and give the orders.", EXAMPLES)
     parser.add_argument(
-        "--hold", action="store_true", help="wait until told to run, unless the team is under way"
+        "--hold", action="store_true", help="wait until told to run, unless the fleet is under way"
     )
     parser.add_argument(
         "--standby",

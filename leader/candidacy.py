@@ -69,7 +69,7 @@ class Candidacy:
         self._quarantine = quarantine(mission)
         self._period = RENEWAL_PERIOD * min(1.0, mission.takeover)
         self._began: float | None = None
-        self._led = False  # whether a term is known, so the team is not just being started
+        self._led = False  # whether a term is known, so the fleet is not just being started
         self._listened = float("inf")  # when it stopped listening and became a standby
         self._last_sign = float("-inf")  # when there was last a sign of a leader or another candidate
         self._left = 0  # the newest term that was given up: votes for it are no such sign
@@ -327,7 +327,7 @@ class Candidacy:
         """When a standby becomes a candidate if nothing else happens [s, monotonic]."""
         quiet = max(self._last_sign + self._in_takeovers(LEADERLESS_TIME), self._listened)
         if not self._led and self._rank:
-            # the leader itself leads a team that has just been started, if it is there
+            # the leader itself leads a fleet that has just been started, if it is there
             quiet += LISTENING_TIME + self._quarantine
         return quiet + self._in_takeovers(RANK_WAIT * self._turn)
 

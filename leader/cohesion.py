@@ -42,7 +42,7 @@ class Cohesion:
         """Robots with edges that slow the leader."""
         self._mission, self._bound = mission, mission.cohesion
         self._received: dict[str, _LastPosition] = {}
-        self._since: dict[str, float] = {}  # since when each robot has held the team up [s, monotonic]
+        self._since: dict[str, float] = {}  # since when each robot has held the fleet up [s, monotonic]
 
     def receive(self, robot: str, pose: Pose, arrived: float) -> None:
         """Take in a follower's position, if the leader waits for that one."""

@@ -1,12 +1,12 @@
-"""A candidate: the virtual leader while it leads, otherwise a standby that follows the state of the team.
+"""A candidate: the virtual leader while it leads, otherwise a standby that follows the state of the fleet.
 
 `Leader.step(now, inbox) -> outbox`, without a clock, a socket or a log. The leader's position depends on how
-long the team has been running by the monotonic clock: neither a late step nor a corrected system clock moves
+long the fleet has been running by the monotonic clock: neither a late step nor a corrected system clock moves
 it. After a hang of more than `LEADER_TIMEOUT_SECONDS` it goes on from where it was, not from where it would
 be. A new leader goes on from the newest order that the robots relay, under a publisher id of its own.
 
 Robots relay the last order of a dead leader for ever. So a leader started to hold goes on in its mode only if
-the team is *under way*: the beat of that order rose within `formation.protocol.election.expiry`, by this
+the fleet is *under way*: the beat of that order rose within `formation.protocol.election.expiry`, by this
 process's own clock and by every robot that relays it (`PositionAttachment.stale`).
 """
 
@@ -81,9 +81,9 @@ class Leader:
 
         Its orders are signed by `signer`, if there is one.
 
-        With `hold` it waits until it is told to run, unless the team is under way; with `anew` it starts from
-        the mission's start, not from where the team is. `known` is the newest term that the previous process
-        knew. Raises ValueError for a name that is no candidate.
+        With `hold` it waits until it is told to run, unless the fleet is under way; with `anew` it starts
+        from the mission's start, not from where the fleet is. `known` is the newest term that the previous
+        process knew. Raises ValueError for a name that is no candidate.
         """
         self.name = self.robot = mission.leader if name is None else name
         self.dropped: Counter[str] = Counter()
@@ -104,7 +104,7 @@ class Leader:
         self.rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate, self._route_rate = Rate(STATUS_RATE), Rate(ROUTE_RATE)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
-        self._in_force: tuple[object, ...] = ()  # the team's order as sent since the last step
+        self._in_force: tuple[object, ...] = ()  # the fleet's order as sent since the last step
         self._mode: Mode = "hold"  # since the last step
         self._waiting: tuple[str, ...] = ()
         self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
@@ -166,7 +166,7 @@ class Leader:
 
     @property
     def mode(self) -> Mode:
-        """The team's mode, as far as known."""
+        """The fleet's mode, as far as known."""
         if self._leads or self.candidacy.state == "listening":
             return self.plan.team_mode.mode
         return self.plan.team_mode.rest.mode or (self._newest.mode if self._newest else "hold")
@@ -217,7 +217,7 @@ class Leader:
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
-        """Return the last messages: the team holds at once instead of waiting for a missing beat.
+        """Return the last messages: the fleet holds at once instead of waiting for a missing beat.
 
         The order keeps what the operator requested, so that the next leader goes on with that. Without
         standbys the next one holds until told to run.
@@ -246,7 +246,7 @@ class Leader:
 
     @property
     def seat(self) -> Seat:
-        """Its part in the election, the leading candidate and the mode of the team."""
+        """Its part in the election, the leading candidate and the mode of the fleet."""
         return Seat(self.candidacy.state, self._leader, self.mode)
 
     @property
@@ -362,7 +362,7 @@ class Leader:
             self.plan.restore(newest, under_way=under_way)
 
     def _catch_up(self, now: Now) -> bool:
-        """Resume the team's earlier order if links came up only after listening; return whether it did."""
+        """Resume the fleet's earlier order if links came up only after listening; return whether it did."""
         late, self._late = self._late, None
         if late is None or not self._leads:
             return False

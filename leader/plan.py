@@ -36,7 +36,7 @@ from formation.stability.driving import STANDS, Velocity, limits
 MAX_ROUTE_DISTANCE = 0.05
 """Largest distance between a route and the leader's last place for which it is taken as its route [m]."""
 BOUNDS_STOP_TIME = 1.0
-"""How long before its team would leave the bounds the leader stops, as robots roll on a little [s]."""
+"""How long before its fleet would leave the bounds the leader stops, as robots roll on a little [s]."""
 MAX_ROUTES = 16
 """Number of published routes that are kept."""
 MAX_ROUTE_TIME = 1e9
@@ -47,7 +47,7 @@ class TeamMode:
     """The mode of a candidate, and how an operator changes it."""
 
     def __init__(self, *, hold: bool = False) -> None:
-        """With `hold`, the team waits until told to run, unless it is under way."""
+        """With `hold`, the fleet waits until told to run, unless it is under way."""
         self.base_mode: Literal["hold", "run"] = "hold" if hold else "run"
         """The mode in force without a stop or a hold."""
         self.rest = Rest()
@@ -95,7 +95,7 @@ class TeamMode:
             self.rest.stop = self.rest.stop or f"term-{order.term}"
 
     def replace_lost(self) -> bool:
-        """Forget the lost route, which an order replaces; only ``run`` starts the team on the other one.
+        """Forget the lost route, which an order replaces; only ``run`` starts the fleet on the other one.
 
         Return whether a route was lost.
         """
@@ -117,7 +117,7 @@ class Plan:
     """The mode, the route, the shape and the cohesion of a leader."""
 
     def __init__(self, mission: Mission, *, hold: bool = False, signed: bool = False) -> None:
-        """With `hold`, wait until told to run, unless the team is under way; `signed`: orders are signed."""
+        """With `hold`, wait until told to run, unless the fleet is under way; `signed`: orders are signed."""
         self.team_mode = TeamMode(hold=hold)
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
@@ -153,7 +153,7 @@ class Plan:
     def go_on(self, mono: float, dt: float, mode: Mode) -> None:
         """Advance by the `dt` [s] before `mono` in the mode that was in force.
 
-        Slots move only while the team runs: robots that stand could not follow, and would have to catch up
+        Slots move only while the fleet runs: robots that stand could not follow, and would have to catch up
         all at once.
         """
         if mode != "run":
@@ -185,7 +185,7 @@ class Plan:
         return self.driver.until if self.driven and not self.team_mode.undriven else math.inf
 
     def check_driver(self, mono: float) -> None:
-        """Hold the team, at `mono` [s], if it is driven by hand and no velocity comes."""
+        """Hold the fleet, at `mono` [s], if it is driven by hand and no velocity comes."""
         self.team_mode.undriven = self.driven and not self.driver.live(mono)
         if self.team_mode.undriven:
             self.driver.stand()
@@ -210,7 +210,7 @@ class Plan:
 
     @property
     def waits_for(self) -> tuple[str, ...]:
-        """Robots for which a team that is told to run waits."""
+        """Robots for which a fleet that is told to run waits."""
         stands = self.team_mode.mode != "run" or self.fenced is not None
         return () if stands else self.cohesion.waits_for
 

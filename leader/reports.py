@@ -35,7 +35,7 @@ class Seat(NamedTuple):
     leader: str
     """The leading candidate, as far as known; empty if there is none."""
     mode: Mode
-    """The team's mode, as far as known."""
+    """The fleet's mode, as far as known."""
 
     @property
     def leads(self) -> bool:

@@ -7,7 +7,7 @@ the bound. Stamps alone cannot distinguish a wrong clock from late messages.
 
 A robot becomes unavailable, so that others follow other robots, when it does not drive for a reason of its
 own, until it is near its slot again or has driven towards it for `FAULT_FREE_TIME`. All robots are available
-when a team sets out; a robot that joins a moving team starts unavailable. Nothing is reported while the
+when a fleet sets out; a robot that joins a moving fleet starts unavailable. Nothing is reported while the
 leader orders no motion.
 """
 

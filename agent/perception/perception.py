@@ -140,7 +140,7 @@ class Expected(NamedTuple):
 
     candidate: Candidate
     centre: complex
-    """Of what scanners see of it, by what it publishes [m; team's frame]."""
+    """Of what scanners see of it, by what it publishes [m; fleet's frame]."""
     scanner: complex
     """Place of the scanner at the moment of the beam [m; body frame now]."""
     axis: complex
@@ -148,7 +148,7 @@ class Expected(NamedTuple):
 
 
 class Perception:
-    """Where one robot is in its team's frame, by odometry and scans."""
+    """Where one robot is in its fleet's frame, by odometry and scans."""
 
     def __init__(self, mission: Mission, robot: str) -> None:
         self.mates = mission.landmarks_of(robot)

@@ -1,14 +1,14 @@
-r"""The robot's own pose in the team's frame: odometry, corrected by where it sees its neighbours.
+r"""The robot's own pose in the fleet's frame: odometry, corrected by where it sees its neighbours.
 
-An extended Kalman filter, pure and in plain numbers. Its state is the centre p [m; team's frame], the heading
-θ [rad] and the drift b of odometry's heading [rad/s]; deviations are in the order (x, y, θ, b).
+An extended Kalman filter, pure and in plain numbers. Its state is the centre p [m; fleet's frame], the
+heading θ [rad] and the drift b of odometry's heading [rad/s]; deviations are in the order (x, y, θ, b).
 
 | symbol | meaning |
 |---|---|
 | d, Δ, τ | motion by odometry [m; body frame before it], turn [rad], its duration [s] |
-| c | published centre of a neighbour [m; team's frame] |
+| c | published centre of a neighbour [m; fleet's frame] |
 | m | place of the scanner [m; body frame] |
-| w = c - p - exp(iθ) m | from the scanner to the neighbour [m; team's frame] |
+| w = c - p - exp(iθ) m | from the scanner to the neighbour [m; fleet's frame] |
 
 Odometry:  p += exp(iθ) d,  θ += Δ - b τ.   Seen:  range |w|, bearing arg(w) - θ.
 """
@@ -39,9 +39,9 @@ class Estimate(NamedTuple):
     """The pose, and how uncertain it is."""
 
     position: complex
-    """Centre [m; team's frame]."""
+    """Centre [m; fleet's frame]."""
     heading: complex
-    """Unit [team's frame]."""
+    """Unit [fleet's frame]."""
     drift: float
     """Of odometry's heading [rad/s]."""
     covariance: Matrix
@@ -119,21 +119,21 @@ def moved(before: Estimate, motion: complex, turn: float, elapsed: float) -> Est
 
 
 def expected(estimate: Estimate, centre: complex, scanner: complex) -> complex:
-    """From the scanner at `scanner` [m; body frame] to `centre` [m; team's frame], in the body frame [m]."""
+    """From the scanner at `scanner` [m; body frame] to `centre` [m; fleet's frame], in the body frame [m]."""
     return (centre - estimate.position) * estimate.heading.conjugate() - scanner
 
 
 def sightline(
     estimate: Estimate, centre: complex, scanner: complex, seen: complex, variances: tuple[float, float]
 ) -> tuple[Measurement, Measurement]:
-    """Range and bearing of a neighbour with the published `centre` [m; team's frame].
+    """Range and bearing of a neighbour with the published `centre` [m; fleet's frame].
 
     `seen` is from the scanner to it [m; body frame], `variances` are of range [m²] and bearing [rad²]. The
     scanner is at `scanner` [m; body frame]: where it was, if the robot has moved since.
     """
     there = expected(estimate, centre, scanner)
     distance = abs(there)
-    ray = estimate.heading * there / distance  # unit [team's frame]
+    ray = estimate.heading * there / distance  # unit [fleet's frame]
     lever = 1j * estimate.heading * scanner  # how the scanner moves as the robot turns
     by_heading = -(lever * ray.conjugate())
     in_range: Row = (-ray.real, -ray.imag, by_heading.real, 0.0)

@@ -42,7 +42,7 @@ from formation.topics import AMCL_POSE, TF
 from formation.wire import Handler, Now, Sample
 
 START_HEADING_TIME = 1.0
-"""Time under way after which a team no longer faces as its mission's start says [s]."""
+"""Time under way after which a fleet no longer faces as its mission's start says [s]."""
 LEARNED_ESTIMATE_LENGTH = 0.5
 """Length of the estimate from which it counts as learned, and may contradict a measured heading."""
 MAP_FRAME = "map"
@@ -232,7 +232,7 @@ class Localisation:
     def joins(self, order: Order) -> None:
         """Correct the guessed heading once order and robot are known: the mission's may be old.
 
-        A robot that joins a moving team guesses that it faces as its odometry in the world frame says; with
+        A robot that joins a moving fleet guesses that it faces as its odometry in the world frame says; with
         external poses, that it faces in the leader's direction.
         """
         if self.state.joined:

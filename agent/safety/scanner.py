@@ -297,8 +297,8 @@ class Scanner:
     def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
         """What was measured besides `mates` [body frame, now]; nothing if the scan is old.
 
-        `mates` are robots of the team that are avoided at positions known from elsewhere; they are
-        expected where they were when the scan was made. All other robots of the team may be among the
+        `mates` are robots of the fleet that are avoided at positions known from elsewhere; they are
+        expected where they were when the scan was made. All other robots of the fleet may be among the
         strangers: `margin` then includes how far their bodies reach beyond what is seen of them.
         """
         state = self.state

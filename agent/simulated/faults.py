@@ -1,4 +1,4 @@
-"""Faults of a simulated robot's sensors and wheels, so that a team can rehearse them.
+"""Faults of a simulated robot's sensors and wheels, so that a fleet can rehearse them.
 
 frozen    odometry and camera continue to report the place where the fault began, with new stamps
 tremble   the same, plus or minus `size` [m] (standard deviation per axis)

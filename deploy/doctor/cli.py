@@ -1,4 +1,4 @@
-"""`formation doctor`: name the faults of a robot or a team, and remedies. It moves nothing."""
+"""`formation doctor`: name the faults of a robot or a fleet, and remedies. It moves nothing."""
 
 from __future__ import annotations
 

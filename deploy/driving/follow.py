@@ -35,7 +35,7 @@ EXAMPLES = """\
 
 Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path
 (nav_msgs/Path) a route along its points, in the frame of the mission's world. The newest replaces the one
-before. The answers of the leader are printed. A team that is held stays held: `formation order MISSION run`.
+before. The answers of the leader are printed. A fleet that is held stays held: `formation order MISSION run`.
 
 Exit code 130: interrupted; 2: nothing was started.
 """

@@ -107,7 +107,7 @@ class Word(NamedTuple):
     receiver: str
     message: Message
     key: str
-    """The key, without the team's namespace."""
+    """The key, without the fleet's namespace."""
 
 
 def processes(mission: Mission) -> tuple[str, ...]:

@@ -61,7 +61,7 @@ class Ran(NamedTuple):
 
     @property
     def first(self) -> tuple[str, Comparison] | None:
-        """The first differing command of the whole team, with its robot."""
+        """The first differing command of the whole fleet, with its robot."""
         firsts = [(name, one.first) for name, one in self.verdicts.items() if one.first is not None]
         return min(firsts, key=lambda found: found[1].wall, default=None)
 

@@ -65,7 +65,7 @@ class Keys:
         """Raises BadSignature."""
         name = self._names.get(text)
         if name is None:
-            raise BadSignature("certificate is not of the team's authority")
+            raise BadSignature("certificate is not of the fleet's authority")
         signer = self.signer(name)
         return Certified(
             name,

@@ -32,7 +32,7 @@ class BrokenRuleError(AssertionError):
 
     def __init__(self, violation: Violation, seed: int) -> None:
         rule, time, robot, what = violation
-        super().__init__(f"{rule}: {time:.2f} s, {robot or 'the team'}: {what} (seed {seed})")
+        super().__init__(f"{rule}: {time:.2f} s, {robot or 'the fleet'}: {what} (seed {seed})")
         self.violation = violation
 
 

@@ -180,7 +180,7 @@ Refusal = Literal["ahead", "earlier"]
 
 
 class Order(_Json):
-    """The leader's order to the team, with all that a successor needs to continue."""
+    """The leader's order to the fleet, with all that a successor needs to continue."""
 
     term: Count
     """Term of its leader: a later term replaces an earlier one. [ns] of its system clock or a little more,
@@ -317,7 +317,7 @@ class OperatorRequest(_Json):
     longest: ClassVar[int] = MAX_REQUEST_BYTES
     do: Do
     shape: Name | None = None
-    """With ``shape``, and with nothing else: the team's new shape."""
+    """With ``shape``, and with nothing else: the fleet's new shape."""
     degrees: Annotated[float, Field(ge=-3600.0, le=3600.0, allow_inf_nan=False)] | None = None
     """With ``rotate``: rotation of the shape from its drawing, counter-clockwise. With ``speed``:
     direction, as a mission's ``heading_deg``."""

@@ -39,14 +39,14 @@ class AgentState(StrEnum):
 
 
 class LeaderState(StrEnum):
-    """What a candidate is doing: the team's mode while it leads, else its part in the election."""
+    """What a candidate is doing: the fleet's mode while it leads, else its part in the election."""
 
     HOLD = "hold"
-    """Leads; the team stands still until `run`."""
+    """Leads; the fleet stands still until `run`."""
     RUN = "run"
-    """Leads; the team drives."""
+    """Leads; the fleet drives."""
     STOP = "stop"
-    """Leads; the team stands still until `release`."""
+    """Leads; the fleet stands still until `release`."""
     LISTENING = "listening"
     """Has just started and finds out whether another process leads."""
     STANDBY = "standby"
@@ -296,7 +296,7 @@ class LeaderStatus:
     waits_for: Names = ()
     """Robots that the leader waits for."""
     at_bounds: bool = False
-    """Whether it stands because its team would leave the mission's bounds."""
+    """Whether it stands because its fleet would leave the mission's bounds."""
     shape: Text = ""
     """Shape that was requested last."""
     share: Reals = field(default_factory=dict)

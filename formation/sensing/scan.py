@@ -4,7 +4,7 @@ Pure, in plain numbers. A beam becomes a point in the body frame at the end of i
 points are enclosed in small circles, the smaller the nearer they are. So a post is one circle or two, and
 a wall a chain of them that bulges towards the robot by a tenth of its distance at most. Every point is in
 a circle, whatever was lost between two of them: noise and lost beams make more circles, never a gap.
-Circles at the reported position of a team mate are that mate, all others are strangers.
+Circles at the reported position of a mate are that mate, all others are strangers.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from formation.ros2.laser_scan import LaserScan
 MAX_RADIUS_SHARE, MIN_RADIUS_LIMIT = 0.1, 0.03
 """Greatest radius of a circle as a share of its distance, or its least limit where that is less [m]."""
 MAX_TEAM_MATE_ERROR = 0.1
-"""Greatest distance of a team mate from its reported position [m]: odometry drifts, ranges are noisy."""
+"""Greatest distance of a mate from its reported position [m]: odometry drifts, ranges are noisy."""
 SECTOR_COUNT = 16
 """Number of directions, in each of which the nearest circle is avoided."""
 VIEW_STEP = math.radians(5.0)
@@ -64,7 +64,7 @@ class Circle(NamedTuple):
 
 
 class Mate(NamedTuple):
-    """A team mate at its reported position."""
+    """A mate at its reported position."""
 
     name: str
     at: complex
@@ -144,7 +144,7 @@ def carried(found: Sequence[Circle], motion: tuple[complex, complex]) -> list[Ci
 
 
 def mate(circle: Circle, mates: Iterable[Mate]) -> str | None:
-    """Name of the team mate; None for a stranger, and for a circle that only touches a mate."""
+    """Name of the mate; None for a stranger, and for a circle that only touches a mate."""
     for one in mates:
         if abs(circle.at - one.at) + circle.radius <= one.radius + MAX_TEAM_MATE_ERROR:
             return one.name
@@ -152,7 +152,7 @@ def mate(circle: Circle, mates: Iterable[Mate]) -> str | None:
 
 
 def strangers(found: Iterable[Circle], mates: Sequence[Mate]) -> list[Circle]:
-    """The circles that are no team mates, and so unknown to the network."""
+    """The circles that are no mates, and so unknown to the network."""
     return [circle for circle in found if mate(circle, mates) is None]
 
 

@@ -72,7 +72,7 @@ class BusConfig:
     mode: str | None = None
     """One of `MODES`; None is the file's, else peer."""
     namespace: str = ""
-    """Prefix of every key on the network, invisible here: keeps two teams on one network apart."""
+    """Prefix of every key on the network, invisible here: keeps two fleets on one network apart."""
     config_file: Path | None = None
     """Zenoh configuration, JSON5."""
     overrides: tuple[tuple[str, str], ...] = ()

@@ -32,7 +32,7 @@ class Cause(StrEnum):
     AVOID = "avoid"
     """One avoids the other by the positions that it publishes."""
     LEADER = "leader"
-    """One is the leader or a standby, and there are standbys, or the leader waits for its team."""
+    """One is the leader or a standby, and there are standbys, or the leader waits for its fleet."""
 
 
 class Endpoints(NamedTuple):

@@ -210,20 +210,23 @@ class _Settled:
         more = self._turns.report("settled" if self._stands else "unsettled", now.mono)
         if more is None:
             return
-        bound = f"the bound of {self._bound * 1e3:.0f} mm"
+        bound = f"{self._bound * 1e3:.0f} mm"
         if self._stands:
             after = snapshot.settling_time if snapshot.wished_at else None
             wished = "" if after is None else f", {after:.1f} s after what was ordered last"
             # it may touch the bound just when this is reported
             since = "" if snapshot.settled_at is None else f" since {snapshot.settled_at:.1f} s"
-            yield Event(now.wall, INFO, "", "settled", f"under {bound}{since}{wished}{more}")
+            yield Event(now.wall, INFO, "", "settled", f"under the bound of {bound}{since}{wished}{more}")
             return
         known, level, text = snapshot.known, WARNING, "the error is not known"
         if not snapshot.formed:
             level, text = INFO, "another shape is on its way"
+        elif known.error is not None and known.complete:
+            text = f"error {known.error * 1e3:.0f} mm, bound {bound}"
         elif known.error is not None:
-            which = "" if known.complete else f" over {known.words}"
-            text = f"error {known.error * 1e3:.0f} mm{which}, {bound}"
+            text = (
+                f"error not known over all edges; {known.error * 1e3:.0f} mm on {known.words}; bound {bound}"
+            )
         yield Event(now.wall, level, "", "unsettled", text + more)
 
 

@@ -104,14 +104,17 @@ def team(
 
 @st.composite
 def teams(draw: st.DrawFn, *, cycles: bool = True, most: int = 6) -> Mission:
-    """Random graphs that lead everybody to the leader, with random fallbacks."""
+    """Random graphs in which every robot has a path to the leader, with random fallbacks.
+
+    Without `cycles`, all neighbours and fallbacks of a robot come before it.
+    """
     names = [f"r{number}" for number in range(draw(st.integers(1, most)))]
     neighbours: dict[str, Sequence[str]] = {}
     fallbacks: dict[str, Sequence[str]] = {}
     for number, name in enumerate(names):
         before = ["leader", *names[:number]]
         some = draw(st.lists(st.sampled_from(before), min_size=1, max_size=2, unique=True))
-        others = [one for one in ("leader", *names) if one != name]
+        others = [one for one in ("leader", *names) if one != name] if cycles else before
         if cycles and len(some) < len(others) and draw(st.integers(0, 3)) == 0:
             some = [*some, draw(st.sampled_from([one for one in others if one not in some]))]
         neighbours[name] = some

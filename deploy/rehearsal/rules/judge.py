@@ -119,7 +119,7 @@ class Violation(NamedTuple):
     time: float
     """[s]"""
     robot: str
-    """Empty for the team."""
+    """Empty for the fleet."""
     what: str
 
 

@@ -15,7 +15,7 @@ from formation.protocol.order import OperatorRequest
 from formation.topics import POSITION
 
 LEADERLESS_TIME = 4.0
-"""Time in which a team is led again once nothing is wrong [s], or [takeover] where that is over 1 s."""
+"""Time in which a fleet is led again once nothing is wrong [s], or [takeover] where that is over 1 s."""
 WAIT_TOLERANCE = 2.0
 """Time beyond its patience for which a leader may still wait [s]."""
 LOOK_TIME = 0.1

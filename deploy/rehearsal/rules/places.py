@@ -36,7 +36,7 @@ class Places:
         self._orphaned: dict[str, float] = {}  # since when each robot has a watchdog and no agent [s]
         self._at: dict[str, complex] = {}  # newest true position [m]
         self._leads: tuple[str, int] = "", 0  # the leader at the newest check, its term,
-        self._led: complex | None = None  # and from where; None if the team was to run [m]
+        self._led: complex | None = None  # and from where; None if the fleet was to run [m]
 
     def look(self, discs: Discs, *, touches: bool) -> None:
         """Check the robots at `discs`; `touches`: what they see must not be touched."""
@@ -58,7 +58,7 @@ class Places:
             self._led = leader.where(UPTIME + self._fleet.engine.now)
             moved = 0.0 if before is None or now_leads != self._leads else abs(self._led - before)
             if moved > AT_REST_STEP:
-                self._tell("zero", leader.name, f"leads on while its team is to {leader.mode}")
+                self._tell("zero", leader.name, f"leads on while its fleet is to {leader.mode}")
         self._leads = now_leads
 
     def _check_orphan(self, name: str, moved: float) -> None:

@@ -40,7 +40,7 @@ class Steps(Protocol):
         """Process the received messages and return those to publish. May be called at any time."""
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
-        """Return the last messages, which leave the team safe without this process."""
+        """Return the last messages, which leave the fleet safe without this process."""
 
 
 class Core(Steps, Protocol):

@@ -90,7 +90,7 @@ class Parser:
     """Parses Zenoh's log in pieces of any size."""
 
     def __init__(self, namespace: str = "") -> None:
-        """`namespace` is the team's, which is removed from keys."""
+        """`namespace` is the fleet's, which is removed from keys."""
         self.counts: Counter[str] = Counter()
         """Refusals by kind, such as ``put robot3/position by robot2``."""
         self._prefix = f"{namespace}/" if namespace else ""

@@ -30,11 +30,11 @@ _ECDSA = ec.ECDSA(hashes.SHA256())
 
 
 class BadSignature(ValueError):  # noqa: N818 - the signature, or the certificate, is what is bad
-    """Not a signature or a certificate of the team; the text says why."""
+    """Not a signature or a certificate of the fleet; the text says why."""
 
 
 class Certified(NamedTuple):
-    """A certificate that the team's authority has issued."""
+    """A certificate that the fleet's authority has issued."""
 
     name: str
     """Common name."""
@@ -48,7 +48,7 @@ class Certified(NamedTuple):
 
 
 class Authority:
-    """The team's certificate authority, which binds keys to names."""
+    """The fleet's certificate authority, which binds keys to names."""
 
     def __init__(self, file: Path) -> None:
         """`file`: its certificate, or several (PEM). Raises BusError."""
@@ -71,7 +71,7 @@ class Authority:
         if usage.ca or len(names) != 1:
             raise BadSignature("certificate must be that of one process")
         if not any(_issued(certificate, one) for one in self._certificates):
-            raise BadSignature(f"certificate of {str(names[0].value)[:64]!r} is not of the team's authority")
+            raise BadSignature(f"certificate of {str(names[0].value)[:64]!r} is not of the fleet's authority")
         return Certified(
             str(names[0].value),
             _key_id(key),

@@ -86,7 +86,7 @@ class Verifier:
     def __init__(
         self, mission: Mission, read: Callable[[str], Certified], key_id: Callable[[str], str], own: str = ""
     ) -> None:
-        """`read` reads a certificate issued by the team's authority, `key_id` a signature's key.
+        """`read` reads a certificate issued by the fleet's authority, `key_id` a signature's key.
 
         `own` is the certificate of this process, if it is a candidate.
         """

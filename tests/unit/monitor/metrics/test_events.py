@@ -172,7 +172,7 @@ def test_settled_event_omits_an_unknown_time() -> None:
 def test_large_error_is_reported_as_unsettled_then_settled() -> None:
     _, unsettled, again = of(astray(lambda t: 15.0 < t < 20.0, 0.3).drive(25.0), "settled", "unsettled")
     assert unsettled.at - EPOCH == pytest.approx(16.1, abs=0.2)
-    assert unsettled[1:] == (30, "", "unsettled", "error 600 mm, the bound of 50 mm")
+    assert unsettled[1:] == (30, "", "unsettled", "error 600 mm, bound 50 mm")
     assert again.kind == "settled"
 
 
@@ -185,8 +185,8 @@ def test_lost_robot_unsettles_the_formation() -> None:
     one = Watcher()
     one.drive(15.0)
     (unsettled,) = of(one.drive(20.0, without="robot4"), "unsettled")
-    over = "5 of 9 edges; 4 unknown (robot4 silent for 3 s)"
-    assert unsettled.text == f"error 0 mm over {over}, the bound of 50 mm"
+    known = "0 mm on 5 of 9 edges; 4 unknown (robot4 silent for 3 s)"
+    assert unsettled.text == f"error not known over all edges; {known}; bound 50 mm"
 
 
 def test_end_of_run_causes_no_unsettled_event() -> None:

@@ -154,8 +154,10 @@ def test_figure_with_unknown_values_is_drawn(history: History, tmp_path: Path) -
 
 
 def test_figure_with_infinite_error_is_drawn(history: History, tmp_path: Path) -> None:
-    lost = replace(history, error=np.full_like(history.error, np.inf))
-    drawing.draw(lost, tmp_path / "figure.png")
+    lost, path = replace(history, error=np.full_like(history.error, np.inf)), tmp_path / "figure.png"
+    drawing.draw(lost, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert path.stat().st_size > 10_000
 
 
 def test_missing_matplotlib_error_names_install_command(
