@@ -71,13 +71,15 @@ def avoided_have_bodies(mission: Mission) -> Iterator[Violation]:
         # what stands under [robot] is of every robot, and each may stand in the others' list
         by_default = avoid == mission.robot.avoid
         key = "robot.avoid" if by_default else f"robots.{name}.avoid"
-        others = [one for one in mission.followers if by_default or one != name]
-        legal = f'choose from {", ".join(others)}, or avoid = "all"' if others else 'must be avoid = "all"'
         for other in () if avoid == "all" else avoid:
-            if other not in mission.robots:
-                yield Violation(key, other, f"unknown robot; {legal}")
-            elif other == mission.leader:
-                yield Violation(key, other, f"has no body, for it leads; {legal}")
+            if other in mission.robots and other != mission.leader:
+                continue
+            others = [one for one in mission.followers if by_default or one != name]
+            legal = (
+                f'choose from {", ".join(others)}, or avoid = "all"' if others else 'must be avoid = "all"'
+            )
+            problem = "has no body, for it leads" if other == mission.leader else "unknown robot"
+            yield Violation(key, other, f"{problem}; {legal}")
 
 
 def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
