@@ -91,8 +91,8 @@ def formation() -> None:
     """This project's side.
 
     The plan says whether its robots are many runs of the shipped six robots or one formation, and may name a
-    law, and a delay and a loss of every link. Only followers are counted: a leader merely is where its route
-    says.
+    law, whether robots avoid each other, and a delay and a loss of every link. Only followers are counted: a
+    leader merely is where its route says.
     """
     from importlib.metadata import version
 
@@ -113,7 +113,9 @@ def formation() -> None:
         else:
             mission = load("six_robots")
             runs = max(1, robots // len(mission.followers))
-        options = Options(delay=plan.get("delay", 0.0), loss=plan.get("loss", 0.0))
+        options = Options(
+            delay=plan.get("delay", 0.0), loss=plan.get("loss", 0.0), avoid=plan.get("avoid", True)
+        )
         law = plan.get("law")
 
         def run(steps: int) -> Taken:

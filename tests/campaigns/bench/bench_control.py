@@ -60,7 +60,7 @@ def laws(effort: Effort) -> Any:
     bodily = lower_bound.by_body(mission, starts)
     moments = np.linspace(0.0, SHOWN, 161)
     found, curves = {}, {}
-    for contender in (*trials.CONTENDERS, trials.ROBOTARIUM):
+    for contender in (*trials.CONTENDERS, trials.ROBOTARIUM, trials.SHIPPED):
         result = contender.drive(mission, effort.runs, 40.0)
         found[contender.name] = {
             **trials.figures(result),
@@ -136,9 +136,9 @@ def _steps(mission: Mission, runs: int) -> Any:
 
 
 def saturation(effort: Effort) -> Any:
-    """Both laws behind faster and faster leaders: share, settling and mean rate of convergence."""
+    """Laws behind faster and faster leaders: share, settling and mean rate of convergence."""
     limit = trials.six_robots().robots["robot2"].max_speed
-    found, both = {}, (trials.FIELD, trials.PAPER)
+    found, laws = {}, (trials.FIELD, trials.PAPER, trials.SHIPPED)
     for ratio in RATIOS[:: effort.every]:
         mission = trials.six_robots(leader_speed=limit / ratio)
         starts = trials.drawn(mission, effort.runs, trials.SEED)
@@ -146,8 +146,8 @@ def saturation(effort: Effort) -> Any:
         horizon = 20.0 + 8.0 / pace
         found[str(ratio)] = {
             "bound": _percentiles(lower_bound.by_body(mission, starts, step=0.05 if ratio < 2.0 else 0.02)),
-            "horizon": {one.name: one.patience * horizon for one in both},
-            **{one.name: _with_rate(one.drive(mission, effort.runs, horizon)) for one in both},
+            "horizon": {one.name: one.patience * horizon for one in laws},
+            **{one.name: _with_rate(one.drive(mission, effort.runs, horizon)) for one in laws},
         }
     return found
 

@@ -14,7 +14,7 @@ its top speed; a mapping makes that a unicycle's command.
 | distances to keep, by a potential | displacements to keep | the formations here are made of displacements |
 | gain 10 | `gains.k_p` | displacements have another scale; the benchmarks take the best of a range |
 | pose from cameras above the field | the field law's observer | the same inputs for all laws |
-| barrier certificates | none | robots in these simulations do not collide |
+| barrier certificates | no collision filter, with any law | what the laws do is compared; `SHIPPED` has it |
 
 No integral, no feed-forward, no memory: behind a leader at speed v an edge keeps an error of about v / gain.
 Arithmetic and `formation.control.plane` only, so that scalars and arrays take the same path.
@@ -23,7 +23,7 @@ Arithmetic and `formation.control.plane` only, so that scalars and arrays take t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -137,6 +137,8 @@ class Contender:
     """As in [law]; the mission's where nothing is said."""
     patience: float = 1.0
     """How many times longer than the field law it is given."""
+    filtered: bool = False
+    """With the collision filter, as the mission says."""
 
     def of(self, mission: Mission) -> Mission:
         """The mission with this law's parameters."""
@@ -154,6 +156,7 @@ class Contender:
         keep: bool = False,
     ) -> Result:
         """`runs` starts, the same for every law, for `horizon` [s] times its patience."""
+        options = replace(options or Options(), avoid=self.filtered)
         return simulate(
             self.of(mission), law=self.law, runs=runs, seed=SEED, options=options, step=step, starts=starts,
             horizon=horizon * self.patience, keep=keep,
@@ -161,6 +164,7 @@ class Contender:
 
 
 FIELD = Contender("field law", "field")
+SHIPPED = Contender("field law, with the collision filter", "field", filtered=True)
 PAPER = Contender("paper's law", "paper", patience=3.0)
 PROPORTIONAL = Contender("proportional, gain 10", NEAR_IDENTITY, {**UNAIDED, "k_p": 10.0})
 STIFF = Contender("proportional, gain 40", NEAR_IDENTITY, {**UNAIDED, "k_p": 40.0})
