@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from formation.monitor.exporters.layout import COLOURS
-from tests.campaigns.bench.control_trials import front
+from tests.campaigns.bench.control_trials import SHIPPED, front
 from tests.campaigns.plots import INK, panels
 
 BOUND = 0.05
@@ -74,7 +74,7 @@ def over_time(laws: Mapping[str, Any], error: Axes, share: Axes) -> None:
     share.set(ylim=(0.0, 100.5), xlabel="settled within [s]", ylabel="starts [%]")
     _label(
         error,
-        (2.7, 0.0014, "lower\nbound", INK),
+        (5.2, 0.0014, "lower bound", INK),
         (8.6, 0.0075, "field law", BLUE),
         (24.5, 1.3, "paper's law", RED),
         (6.2, 0.125, "proportional, gain 10", PINK),
@@ -84,7 +84,7 @@ def over_time(laws: Mapping[str, Any], error: Axes, share: Axes) -> None:
     _label(
         share,
         (1.05, 84.0, "lower\nbound", INK),
-        (2.25, 32.0, "field", BLUE),
+        (5.5, 36.0, "field law", BLUE),
         (5.5, 52.0, "gain 40", GREEN),
         (13.0, 80.0, "paper's", RED),
     )
@@ -102,6 +102,7 @@ def over_saturation(found: Mapping[str, Any], settling: Axes, rate: Axes, share:
         _band(rate, ratios, np.array([cell["rate"] or [np.nan] * 3 for cell in cells]).T, colour)
         shares = [100.0 * cell["share"] for cell in cells]
         _dotted(share, ratios, shares, colour)
+    _dotted(share, ratios, [100.0 * one[SHIPPED.name]["share"] for one in found.values()], SKY)
     settling.set(yscale="log", ylabel="settling time [s]", ylim=(1.5, 500.0))
     settling.set_yticks((2, 5, 10, 20, 50, 100, 200, 500), ("2", "5", "10", "20", "50", "100", "200", "500"))
     settling.tick_params(axis="y", which="minor", left=False)
@@ -114,6 +115,7 @@ def over_saturation(found: Mapping[str, Any], settling: Axes, rate: Axes, share:
     _label(settling, (1.5, 1.75, "lower bound", INK))
     _label(rate, (1.1, 1.35, "field law", BLUE), (2.6, 0.3, "paper's law", RED))
     _label(share, (2.0, 86.0, "paper's law", RED), (2.0, 93.0, "field law", BLUE))
+    _label(share, (1.5, 40.0, "field law, with\ncollision filter", SKY))
 
 
 def over_conditions(found: Mapping[str, Any], kinds: Sequence[Axes]) -> None:
@@ -137,9 +139,9 @@ def over_conditions(found: Mapping[str, Any], kinds: Sequence[Axes]) -> None:
     _label(delay, (60.0, 0.65, "gain 10", PINK))
     _label(loss, (24.0, 0.0002, "field law", BLUE), (24.0, 0.0085, "paper's law", RED))
     _label(loss, (24.0, 0.145, "gain 10", PINK), (24.0, 0.034, "gain 40", GREEN))
-    _label(noise, (20.6, 1.35, "gain 40", GREEN), (20.6, 0.86, "gain 10", PINK))
-    _label(noise, (20.6, 0.54, "field law", BLUE), (20.6, 0.28, "– gentle", SKY))
-    _label(noise, (20.6, 0.1, "paper's law", RED))
+    _label(noise, (3.0, 0.14, "gain 10", PINK), (20.6, 0.1, "paper's law", RED))
+    _label(noise, (20.6, 0.06, "gain 40", GREEN), (20.6, 0.036, "field law", BLUE))
+    _label(noise, (20.6, 0.021, "– gentle", SKY))
 
 
 def over_depth(found: Mapping[str, Any], laws: Axes, worse: Axes) -> None:
@@ -161,12 +163,12 @@ def over_depth(found: Mapping[str, Any], laws: Axes, worse: Axes) -> None:
     if deepest < 50:
         return
     _label(laws, (30.0, 3.2, "paper's law", RED), (24.0, 0.155, "gain 10", PINK))
-    _label(laws, (30.0, 0.052, "gain 40", GREEN), (32.0, 0.0078, "field law", BLUE))
+    _label(laws, (30.0, 0.052, "gain 40", GREEN), (32.0, 0.0026, "field law", BLUE))
     _label(laws, (18.0, 0.0004, "dashed: samples 100 ms old", INK))
     _label(worse, (3.0, 4.8, "field law", INK))
-    _label(worse, (50.6, 0.1, "300 ms old", RED), (50.6, 0.6, "TurtleBot3 body", BROWN))
-    _label(worse, (50.6, 0.043, "100 ms old", BLUE), (50.6, 0.0255, "30 % lost", GREEN))
-    _label(worse, (50.6, 0.0155, "perfect", BLUE))
+    _label(worse, (50.6, 0.45, "300 ms old", RED), (50.6, 0.78, "TurtleBot3 body", BROWN))
+    _label(worse, (50.6, 0.014, "100 ms old", BLUE), (50.6, 0.07, "30 % lost", GREEN))
+    _label(worse, (50.6, 0.002, "perfect", BLUE))
 
 
 def over_parameters(found: Mapping[str, Any], axes: Axes) -> None:
@@ -178,13 +180,12 @@ def over_parameters(found: Mapping[str, Any], axes: Axes) -> None:
     axes.plot(*shipped, "o", color=RED, markersize=7.0)
     axes.axvline(2.0, color=INK, linewidth=0.9, linestyle=":")
     axes.set(xlabel="median settling ÷ lower bound", ylabel="error that remains in a rough world")
-    axes.set(yscale="log", ylim=(0.03, 0.5), xlim=(1.7, SLOWEST))
-    axes.set_yticks((0.03, 0.05, 0.1, 0.2, 0.5), ("3 cm", "5 cm", "10 cm", "20 cm", "50 cm"))
-    axes.tick_params(axis="y", which="minor", left=False, labelleft=False)
-    _label(axes, (2.01, 0.42, "target", INK), (shipped[0][0] - 0.09, 0.049, "shipped", RED))
-    _label(axes, (1.97, 0.0345, "nothing tried beats these in both", BLUE))
+    axes.set(ylim=(0.016, 0.022), xlim=(1.5, SLOWEST))
+    axes.set_yticks((0.016, 0.018, 0.020, 0.022), ("1.6 cm", "1.8 cm", "2.0 cm", "2.2 cm"))
+    _label(axes, (2.01, 0.0217, "target", INK), (shipped[0][0] - 0.09, 0.0188, "shipped", RED))
+    _label(axes, (1.75, 0.0179, "nothing tried beats these in both", BLUE))
     if beyond := sum(place > SLOWEST for place in _places(tried, bound)[0]):
-        axes.text(SLOWEST, 0.36, f"{beyond} more beyond →", color=INK, horizontalalignment="right")
+        axes.text(SLOWEST, 0.0212, f"{beyond} more beyond →", color=INK, horizontalalignment="right")
 
 
 def _places(tried: Sequence[Any], bound: float) -> tuple[list[float], list[float]]:
