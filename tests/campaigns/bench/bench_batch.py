@@ -155,14 +155,14 @@ def draw(found: Mapping[str, Any], folder: Path) -> None:
 def _curves(axes: Axes, found: Mapping[str, Any], key: str, label: str) -> None:
     """A curve for each side."""
     for side, (colour, stroke, name) in LINES.items():
-        if side not in found:
+        if side not in found or (side == FILTERED and key == "peak_mib"):  # the memory of the law alone
             continue
         sizes = sorted(int(size) for size in found[side])
         heights = [found[side][str(size)][key]["median"] for size in sizes]
         if key == "peak_mib":
             heights = [1024.0 * height / size for height, size in zip(heights, sizes, strict=True)]
         axes.plot(sizes, heights, stroke, color=colour, marker="o", markersize=3.0, linewidth=1.5)
-        aside = (5, 0) if side != ONE else (-10, 12) if key == "peak_mib" else (-10, -12)
+        aside = (5, 0) if side != ONE else (-10, 12)
         axes.annotate(
             name, (sizes[-1], heights[-1]), aside, textcoords="offset points", color=colour, va="center"
         )

@@ -216,7 +216,7 @@ def parameters(found: Found) -> str:
     """Sets of parameters that no other beats."""
     bound, runs = found["bound"], found["runs"]
     best = [("**shipped**", found["tried"][0])]
-    best += [(_words(one["parameters"]), one) for one in front(found["tried"])]
+    best += [(_words(one["parameters"]), one) for one in front(found["tried"]) if one["parameters"]]
     cells = [(name, one["calm"], centimetres(one["rough"]["rms"])) for name, one in best]
     star = found["star"].items()
     cells += [(f"all measuring the leader, gain {float(gain):g}", one, "") for gain, one in star]
