@@ -131,7 +131,7 @@ compare codes only; the sentence is for people and may change. `formation watch`
 sentence."""
 FAILSAFE = """An agent takes its state from this table with each step: the first row that applies decides.
 Every state except `run` sends zero velocity. *Own* means that the cause may be this robot's alone: while
-the team runs it reports itself unavailable, and others go on without it. *Probes* means that the robot may
+the fleet runs it reports itself unavailable, and others go on without it. *Probes* means that the robot may
 move a few centimetres to find out whether it moves as commanded."""
 WATCHDOG = f"""The watchdog (command `formation watchdog`) sends zero velocity when the agent is silent: in
 `braking` once a period for {watchdog.BRAKING_TIME:g} s, then every {watchdog.SLOW_PERIOD:g} s. A cell is the

@@ -165,9 +165,9 @@ def test_signature_by_unknown_key_is_not_verified(front: Front) -> None:
 
 
 STRANGER = authority.new_authority("team", 30.0, BEGUN)
-"""Another authority with the name of the team's."""
+"""Another authority with the name of the fleet's."""
 FOLLOWERS = issued(FOLLOWER)
-UNTRUSTED = "is not of the team's authority"
+UNTRUSTED = "is not of the fleet's authority"
 
 
 def issued_by(pair: authority.Pair) -> str:
