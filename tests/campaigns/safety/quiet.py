@@ -47,7 +47,7 @@ def run(options: Options) -> Found:
     broken = sum(len(one["others"]) for one in rows)
     bars = [
         bar(f"no false hold in {seconds:.0f} s of each mission", f"{holds}", holds == 0),
-        bar("no other rule of a rehearsal is broken", f"{broken} are", broken == 0),
+        bar("no other rule of a rehearsal is broken", f"{broken}", broken == 0),
     ]
     return {"runs": rows, "bars": bars}
 
