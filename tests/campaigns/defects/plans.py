@@ -135,7 +135,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "barred": _on("blocked", "robot2:kill@0.5 robot3:kill@0.5"),
     "crowd": (Plan("crowd", delay=0.1), Plan("crowd", delay=0.2), *_on("crowd", "robot1:kill@1.5+6")),
     "rests": _trio("", told=RESTS),
-    "bend": _trio("", seconds=30.0),
+    "bend": (*_trio("", seconds=30.0), *_trio("", seconds=40.0, signed=True)),
     "paper": _on("trio_paper", "robot1:kill@6+7"),
     "orders": _trio("", told=ORDERS),
     "ordersfailover": _trio("leader:kill@20+6", told=ORDERS[:3]),
