@@ -56,6 +56,8 @@ def words(mission: Mission, found: Analysis) -> str:
 
 def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     verdict = "no problem found" if found.ok else "it cannot work"
+    if found.warnings:
+        verdict += f", {len(found.warnings)} warning{'' if len(found.warnings) == 1 else 's'}"
     deepest = max((hops for hops in found.depth.values() if hops is not None), default=0)
     yield f"{mission.name}, {found.law} law: {verdict}"
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"

@@ -61,7 +61,8 @@ def test_check_of_shipped_mission_passes_without_warnings(mission: str, capsys: 
     assert [one for one in result["warnings"] if "could meet" not in one or mission != "two_chains"] == []
     assert result["depth"][load(mission).leader] == 0
     assert result["settling_time_estimate"] > 0.0
-    assert "no problem found" in out
+    assert ("no problem found\n" in out) is (not result["warnings"])
+    assert ("no problem found, 1 warning\n" in out) is (len(result["warnings"]) == 1)
     assert all(f"\n  {name} " in out for name in load(mission).names)
 
 

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from formation.control.controller import Gains, Limits, Measured
+from formation.control.laws.paper import CONTROLLER as PAPER
+from formation.control.unicycle import advance
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import Options
@@ -100,11 +103,19 @@ def test_cycle_settles_only_at_certified_speed(speed: float, says: str) -> None:
     assert (result.final_error > 1e-2).all() == (says == "none")
 
 
-@pytest.mark.parametrize("speed", [0.05, 0.2, 1.0])
-def test_loop_of_centres_is_stable_only_above_minimum_speed(speed: float) -> None:
-    offset, k_p, k_i = 0.2, 2.0, 1.0
-    roots = np.roots([offset, speed, k_p * speed, k_i * speed])
-    assert bool(roots.real.max() < 0.0) is (speed * k_p > offset * k_i)
+@pytest.mark.parametrize(("speed", "stable"), [(0.05, False), (0.2, True), (1.0, True)])
+def test_paper_law_by_centres_is_stable_only_above_minimum_speed(speed: float, *, stable: bool) -> None:
+    offset, gains, dt = 0.2, Gains(2.0, 1.0), 0.01
+    assert (speed * gains.k_p > offset * gains.k_i) is stable
+    limits, leader = Limits(offset, 10.0, 10.0), 0j
+    here, heading, integral, aside = 1e-6j, 1 + 0j, complex(speed / gains.k_i), []
+    for _ in range(int(200.0 / dt)):
+        seen = Measured(heading.conjugate() * (leader - here), 0j, 1)
+        command, integral = PAPER.step(integral, heading, seen, gains, limits, dt)
+        here, heading = advance(here, heading, *command, dt)
+        leader += speed * dt
+        aside.append(abs((leader - here).imag))
+    assert (max(aside[-1000:]) < 1e-6) is stable
 
 
 def test_leader_at_top_speed_is_refused() -> None:
