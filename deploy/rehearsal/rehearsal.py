@@ -135,7 +135,8 @@ def _recorder(plan: Plan, path: Path, seed: int) -> Recorder:
     mission = plan.mission
     name = f"{mission.fingerprint}-{seed}"
     began = datetime.fromtimestamp(EPOCH, UTC).isoformat(timespec="seconds")
-    metadata = {"recording": name, "recorded_at": began, "python": ""}
+    # versions of Python have numpy versions of their own
+    metadata = {"recording": name, "recorded_at": began, "python": "", "numpy": ""}
     keys = (*watched(mission), *OWN)
     recorder = Recorder(
         path, mission.name, plan.text, mission.law.kind, keys, metadata=metadata, in_step=True

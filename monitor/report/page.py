@@ -177,7 +177,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "messages", words.whole(run.messages)
     yield "law", run.mission.law.kind
     yield "mission fingerprint", run.mission.fingerprint
-    yield "versions", ", ".join(f"{name} {about[name]}" for name in _PACKAGES if name in about)
+    yield "versions", ", ".join(f"{name} {about[name]}" for name in _PACKAGES if about.get(name))
 
 
 def _panel(run: Run, view: View, which: Panel, name: str, mark: str = "") -> Drawn:
