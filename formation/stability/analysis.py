@@ -70,9 +70,8 @@ class Analysis:
         return {"ok": self.ok, **{one.name: _plain(getattr(self, one.name)) for one in fields(self)}}
 
 
-def analyse(mission: Mission, law: str | None = None) -> Analysis:
-    """Check a mission; `law` replaces the mission's."""
-    mission = mission.under(law or mission.law.kind)
+def analyse(mission: Mission) -> Analysis:
+    """Check a mission."""
     law, controller = mission.law.kind, mission.law.controller
     graph, gains, mean = mission.graph, mission.gains, controller.mean
     mu = spectrum.laplacian(graph, mean=mean)
@@ -83,7 +82,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     if not faults:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward, mean=mean)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
-    settling = settling_time(mission, law)
+    settling = settling_time(mission)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     warnings += landmarks.warnings(mission)
     sampling = _sampling(mission, mu, stable=not faults)
@@ -120,7 +119,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     )
 
 
-def settling_time(mission: Mission, law: str) -> float | None:
+def settling_time(mission: Mission) -> float | None:
     """Settling time from the mission's own starts [s], by the closed loop at the robots' period.
 
     It includes all that delays settling: the distance to a moving slot at top speed, headings that are not
@@ -133,7 +132,7 @@ def settling_time(mission: Mission, law: str) -> float | None:
     route = Route.of(mission)
     # most missions settle long before the horizon; after the last corner nothing changes
     for horizon in (min(route.last_change + 30.0, longest), longest):
-        result = simulate(mission, law=law, step=step, horizon=max(horizon, step), starts="mission")
+        result = simulate(mission, step=step, horizon=max(horizon, step), starts="mission")
         if result.converged[0]:
             return float(result.settling_time[0])
     return None

@@ -31,5 +31,5 @@ def paper_law_not_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 
     simulated = analysis.settling_time
     monkeypatch.setattr(
-        analysis, "settling_time", lambda of, law: None if law == "paper" else simulated(of, law)
+        analysis, "settling_time", lambda of: None if of.law.kind == "paper" else simulated(of)
     )

@@ -56,7 +56,7 @@ def test_closed_form_stability_matches_eigenvalues_on_random_graphs() -> None:
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
 def test_ring_of_twelve_is_unstable_and_ten_stable() -> None:
-    twelve, ten = (analyse(scenarios.ring(size), law="paper") for size in (12, 10))
+    twelve, ten = (analyse(scenarios.ring(size).under("paper")) for size in (12, 10))
     assert (twelve.stable, twelve.ok, ten.stable, ten.ok) == (False, False, True, True)
     assert (twelve.slowest_mode, ten.slowest_mode) == pytest.approx((0.032, -0.070), abs=1e-3)
     # the bound that the problem names is the greatest stable k_i
@@ -159,7 +159,7 @@ def test_oscillating_leader_causes_at_most_the_amplification_peak() -> None:
 @pytest.mark.parametrize("law", ["field", "paper"])
 def test_predicted_settling_time_is_near_that_of_random_starts(name: str, law: str) -> None:
     mission = load(name)
-    predicted = analyse(mission, law).settling_time_estimate
+    predicted = analyse(mission.under(law)).settling_time_estimate
     median = simulate(mission, runs=30, law=law, horizon=80.0).summary()["settling_time"]["median"]
     assert predicted is not None
     assert 0.4 < predicted / median < 2.0  # convoy's own starts are nearer to the slots than random ones

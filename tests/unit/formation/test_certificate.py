@@ -84,7 +84,7 @@ def test_each_broken_assumption_is_named(mission: Mission, says: str) -> None:
 
 @pytest.mark.usefixtures("paper_law_not_simulated")
 def test_unstable_mission_has_no_certificate() -> None:
-    found = analyse(scenarios.ring(12, k_p=2.0), law="paper")
+    found = analyse(scenarios.ring(12, k_p=2.0).under("paper"))
     assert not found.stable
     assert found.certificate.convergence == "none"
 

@@ -65,7 +65,7 @@ def test_problem_of_margin_beyond_room_names_greatest_allowed(margin: float, oth
         "0.943 m apart; must be below 0.7433 m"
     )
     assert result in analyse(crowded).problems
-    assert result not in analyse(crowded, "paper").problems
+    assert result not in analyse(crowded.under("paper")).problems
 
 
 def test_margin_equal_to_slot_room_is_refused() -> None:
@@ -172,7 +172,7 @@ def test_check_warns_of_crossing_paths_without_avoidance() -> None:
     (result,) = could_meet(crossing)
     assert result.startswith("robot2 and robot3 (and 2 other pairs) could meet")
     assert result in analyse(crossing).warnings
-    assert result not in analyse(crossing, "paper").warnings
+    assert result not in analyse(crossing.under("paper")).warnings
 
 
 @pytest.mark.parametrize(
@@ -191,10 +191,10 @@ def test_robots_that_avoid_or_cannot_meet_cause_no_warning(mission: Mission) -> 
 @pytest.mark.usefixtures("paper_law_not_simulated")
 def test_analysis_warns_that_paper_law_has_no_filter() -> None:
     result = "the paper law has no collision filter: robots do not avoid each other"
-    assert result in analyse(SIX, "paper").warnings
+    assert result in analyse(SIX.under("paper")).warnings
     assert result not in analyse(SIX).warnings
     assert scenarios.six().collisions.mode == "off"
-    assert result not in analyse(scenarios.six(), "paper").warnings
+    assert result not in analyse(scenarios.six().under("paper")).warnings
 
 
 SCANNING = {"control_point_offset": 0.1, "scanner": "required", "scan": {"margin": 0.05}}
