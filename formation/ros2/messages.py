@@ -289,12 +289,16 @@ class Displacement(Message):
 
     def _write(self, to: Writer) -> None:
         ros.write_header(to, self.stamp, self.frame)
-        ros.write_point(to, "displacement", self.displacement)
+        x, y = self.displacement.real, self.displacement.imag
+        ros.within("displacement", ros.MAX_POSITION, x, y)
+        to.doubles(x, y, 0.0)
 
     @classmethod
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
-        return cls(stamp, ros.read_point(source, "displacement"), frame)
+        x, y, z = source.doubles(3)
+        ros.within("displacement", ros.MAX_POSITION, x, y, z)
+        return cls(stamp, complex(x, y), frame)
 
 
 @dataclass(frozen=True, slots=True)

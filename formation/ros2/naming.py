@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from itertools import count
 from typing import Self
@@ -20,7 +20,6 @@ from typing import Self
 from formation.ros2.messages import type_hash
 from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
 from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
-from formation.topics import Topic
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 
@@ -32,7 +31,6 @@ class Naming:
     robots: Mapping[str, RosNames]
     formation: RosNames
     """Of the topics that belong to no robot."""
-    _logical: Mapping[str, str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         logical: dict[str, str] = {}
@@ -43,7 +41,6 @@ class Naming:
                         f"{other} and {key} cannot share a session: ROS calls both "
                         f"/{place.spelled(key)}; one of the robots needs another namespace"
                     )
-        object.__setattr__(self, "_logical", logical)
 
     @classmethod
     def of(cls, known: Mapping[str, RosRobot], robots: Iterable[str]) -> Self:
@@ -62,10 +59,6 @@ class Naming:
         """Names of the topics that belong to no robot, for the monitor."""
         return cls({}, RosNames(ros=ros, domain=domain))
 
-    def key(self, topic: Topic, robot: str = "", other: str = "") -> str:
-        """The wire key of a robot's `topic`, with the type that this robot uses."""
-        return self.wire(topic.key(robot, other))
-
     def wire(self, logical: str, ros_type: str | None = None) -> str:
         """The wire key of a logical one, with the type of its topic unless given another.
 
@@ -79,10 +72,6 @@ class Naming:
         if place.ros == "ros2dds" or not ros_type:
             return name
         return f"{place.domain}/{name}/{dds_type(ros_type)}/{type_hash(ros_type)}"
-
-    def logical(self, wire: str) -> str | None:
-        """The logical key of `wire`; None for a key of others."""
-        return self._logical.get(wire)
 
     def attachment(self, logical: str, sequence: int, wall: float, zid: str = "") -> bytes | None:
         """Attachment of sample number `sequence` (from 1, per key) of time `wall` [s since the epoch].

@@ -109,19 +109,6 @@ def read_stamp(source: Reader) -> float:
     return seconds + nanoseconds * 1e-9
 
 
-def write_point(to: Writer, what: str, point: complex) -> None:
-    """geometry_msgs/Point [m]."""
-    within(what, MAX_POSITION, point.real, point.imag)
-    to.doubles(point.real, point.imag, 0.0)
-
-
-def read_point(source: Reader, what: str) -> complex:
-    """The point's projection on the plane [m]."""
-    x, y, z = source.doubles(3)
-    within(what, MAX_POSITION, x, y, z)
-    return complex(x, y)
-
-
 def write_pose(to: Writer, position: complex, heading: complex) -> None:
     """geometry_msgs/Pose: `heading` e^{iθ} becomes a turn by θ about z."""
     z, w = half_turn(heading)

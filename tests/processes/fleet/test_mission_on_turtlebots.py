@@ -100,7 +100,7 @@ class Listener:
     def __init__(self, team: Team, robot: str, topic: Topic) -> None:
         played, naming = team.robots[robot], Naming.of(team.mission.robots, [robot])
         self._samples = played.session.declare_subscriber(
-            naming.key(topic, robot), zenoh.handlers.RingChannel(20)
+            naming.wire(topic.key(robot)), zenoh.handlers.RingChannel(20)
         )
 
     def next(self) -> zenoh.Sample:

@@ -14,7 +14,7 @@ from formation.ros2.naming import Naming
 from formation.ros2.ros_names import RosNames, address
 from formation.ros2.tokens import Route, Token, dds_type, read_route, ros_type
 from formation.ros2.tokens import read as read_token
-from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, RELATIVE, TABLE
+from formation.topics import ERROR, ODOM, ORDER, TABLE
 from tests.support.missions import edited
 
 PAIR = read("turtlebot3_pair")[0]
@@ -37,18 +37,15 @@ def first(keys: str = "", robot1: str = "") -> Naming:
 def test_ros2dds_keys_are_ros_names_without_slash() -> None:
     mission = pair()
     naming = Naming.of(mission.robots, mission.names)
-    assert naming.key(ODOM, "robot1") == "robot1/odom"
-    assert naming.key(RELATIVE, "robot2", "leader") == "robot2/relative/leader"
-    assert naming.key(ERROR) == "formation/error"
+    assert naming.wire("robot1/odom") == "robot1/odom"
+    assert naming.wire("robot2/relative/leader") == "robot2/relative/leader"
+    assert naming.wire(ERROR.key()) == "formation/error"
     assert naming.attachment("robot1/odom", 1, 0.0) is None
     assert naming.tokens("agent", ["robot1/cmd_vel"], ["robot1/odom"], "abc") == ()
 
 
 def test_robot_without_namespace_has_bare_topics() -> None:
-    naming = first(robot1='namespace = ""')
-    assert naming.key(ODOM, "robot1") == "odom"
-    assert naming.logical("odom") == "robot1/odom"
-    assert naming.logical("robot1/odom") is None
+    assert first(robot1='namespace = ""').wire("robot1/odom") == "odom"
 
 
 @pytest.mark.parametrize(
@@ -57,15 +54,14 @@ def test_robot_without_namespace_has_bare_topics() -> None:
 def test_rmw_zenoh_key_contains_domain_type_and_hash(kind: str, name: str, digest: str) -> None:
     naming = first(f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"', 'namespace = "lab/burger_1"')
     spelled = f"30/lab/burger_1/cmd_vel/geometry_msgs::msg::dds_::{name}_/RIHS01_{digest}"
-    assert naming.wire("robot1/cmd_vel") == naming.key(CMD_VEL, "robot1") == spelled
-    assert naming.logical(spelled) == "robot1/cmd_vel"
+    assert naming.wire("robot1/cmd_vel") == spelled
 
 
 def test_wrong_message_type_gives_another_key() -> None:
     naming = first('ros = "rmw_zenoh"')
     wrong = naming.wire("robot1/cmd_vel", "geometry_msgs/msg/Twist")
     assert wrong.endswith(f"Twist_/RIHS01_{TWIST}")
-    assert naming.logical(wrong) is None
+    assert wrong != naming.wire("robot1/cmd_vel")
 
 
 def test_attachment_has_33_bytes_with_sequence_time_and_sender() -> None:
@@ -116,8 +112,8 @@ def test_tokens_of_robots_have_own_nodes_and_ids() -> None:
 
 
 def test_formation_topics_follow_the_requested_dialect() -> None:
-    assert Naming.of_formation().key(ERROR) == "formation/error"
-    key = Naming.of_formation("rmw_zenoh", 5).key(ERROR)
+    assert Naming.of_formation().wire(ERROR.key()) == "formation/error"
+    key = Naming.of_formation("rmw_zenoh", 5).wire(ERROR.key())
     assert key.startswith("5/formation/error/std_msgs::msg::dds_::Float64_/RIHS01_")
 
 
@@ -125,7 +121,7 @@ def test_robots_with_equal_ros_names_cannot_share_session() -> None:
     mission = pair('namespace = ""')
     with pytest.raises(ValueError, match=r"robot1/odom and robot2/odom cannot share .* both /odom"):
         Naming.of(mission.robots, mission.followers)
-    assert Naming.of(mission.robots, ["robot2"]).key(ODOM, "robot2") == "odom"
+    assert Naming.of(mission.robots, ["robot2"]).wire("robot2/odom") == "odom"
 
 
 def test_key_outside_topic_table_raises_error() -> None:
@@ -148,7 +144,7 @@ NAMESPACES = st.one_of(
     dialects=st.lists(st.sampled_from(["ros2dds", "rmw_zenoh"]), min_size=6, max_size=6),
     domains=st.lists(st.sampled_from([0, 1, 232]), min_size=6, max_size=6),
 )
-def test_wire_and_logical_keys_are_one_to_one(
+def test_no_two_logical_keys_have_one_wire_key(
     namespaces: list[str | None], dialects: list[str], domains: list[int]
 ) -> None:
     text = SIX
@@ -163,18 +159,16 @@ def test_wire_and_logical_keys_are_one_to_one(
     keys.append(ERROR.key())
     for name in names:
         own = [key for key in keys if address(key).robot == name]
-        assert_one_to_one(Naming.of(mission.robots, [name]), own)
+        assert_distinct(Naming.of(mission.robots, [name]), own)
     try:
         naming = Naming.of(mission.robots, names)
     except ValueError:
         return  # two robots share a name, so there is no naming
-    assert_one_to_one(naming, keys)
+    assert_distinct(naming, keys)
 
 
-def assert_one_to_one(naming: Naming, keys: list[str]) -> None:
-    wires = [naming.wire(key) for key in keys]
-    assert [naming.logical(wire) for wire in wires] == keys
-    assert len(set(wires)) == len(keys)
+def assert_distinct(naming: Naming, keys: list[str]) -> None:
+    assert len({naming.wire(key) for key in keys}) == len(keys)
 
 
 def test_ros_type_inverts_dds_type() -> None:
