@@ -13,7 +13,6 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
-from types import TracebackType
 from typing import Self
 
 import zenoh
@@ -77,9 +76,7 @@ class Bus:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def advertise(self, topic: Topic, key: str, *, waits: bool = False) -> None:
@@ -201,22 +198,14 @@ class Bus:
         """`Mailbox.wait`."""
         return self.mailbox.wait(timeout)
 
-    def wake(self) -> None:
-        """Make the current or next `wait` return at once. Safe in a signal handler."""
-        self.mailbox.wake()
-
     def answer(self, key: str, handler: Handler) -> None:
-        """Answer queries on `key` by `handler`, which `serve` calls on the main thread."""
+        """Answer queries on `key` by `handler`, which `Mailbox.serve` calls on the main thread."""
 
         def receive(query: zenoh.Query) -> None:  # on Zenoh's thread: must return at once
             self.mailbox.accept(_Query(query, key), handler)
 
         with named(key):
             self._live.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
-
-    def serve(self) -> int:
-        """Answer the waiting queries; return their number."""
-        return self.mailbox.serve()
 
     def ask(self, key: str, payload: bytes, timeout: float) -> list[Reply]:
         """Query all queryables of `key` (wildcards are allowed) and wait for all, at most `timeout` [s].

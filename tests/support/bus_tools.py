@@ -33,7 +33,7 @@ def serving(bus: Bus) -> Iterator[None]:
     def loop() -> None:
         while not over.is_set():
             bus.wait(PATIENCE)
-            bus.serve()
+            bus.mailbox.serve()
 
     thread = threading.Thread(target=loop, name="another process")
     thread.start()
@@ -41,7 +41,7 @@ def serving(bus: Bus) -> Iterator[None]:
         yield
     finally:
         over.set()
-        bus.wake()
+        bus.mailbox.wake()
         thread.join()
 
 

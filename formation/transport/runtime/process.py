@@ -1,6 +1,6 @@
 """Common parts of all main functions: signals, the loop, exit codes, and the output on stdout.
 
-A process is ``update → step → publish → wait`` around a pure core (`Process.run`), on the fleet's bus, on
+A process is ``update → step → publish → wait`` around a pure core (`Runtime.loop`), on the fleet's bus, on
 a robot's, or on both. For programs it reports on stdout, one JSON object a line, that it is ready and, at
 its end, what it published and received; for people it logs to stderr. Exit codes: 0 success, 1 failed, 2
 bad input, 128 + signal if forced.
@@ -20,7 +20,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing, suppress
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 from formation.mission.file import MissionError
@@ -29,8 +29,8 @@ from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
 from formation.transport.runtime.clock import monotonic
-from formation.transport.runtime.loop import Pauses, RobotSide, Runtime, Steps
-from formation.wire import Now, Outgoing
+from formation.transport.runtime.loop import Pauses, RobotSide, Runtime
+from formation.wire import Now
 
 WELL, FAILED, BAD_INPUT = 0, 1, 2
 GRACE_TIME = 1.0
@@ -68,9 +68,7 @@ class Stop:
                 self._before[number] = signal.signal(number, self._on_signal)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -176,9 +174,7 @@ class Process(Runtime):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._notifier.stopping(self.stop.reason or "failed")
         fleet, side = self._bus, self._robot
         for bus in (side, fleet):  # the last messages to the robot are sent first
@@ -235,10 +231,6 @@ class Process(Runtime):
         """Report to systemd that the loop runs, and keep the bus's own sockets short."""
         self._notifier.alive(mono)
         self._linger.tend(mono)
-
-    def run(self, core: Steps, send: Callable[[Iterable[Outgoing]], None] | None = None) -> None:
-        """Play the loop of `core`."""
-        self.play(self.loop(core, send))
 
     def play(self, pauses: Pauses) -> None:
         """Play a main function, sleeping through its pauses, until it ends."""

@@ -47,7 +47,7 @@ def main(endpoint: str) -> None:
             say("received", number=process.bus.received[ODOM_KEY])
 
         threading.Thread(target=count, daemon=True).start()
-        process.run(Hanging())
+        process.play(process.loop(Hanging()))
 
 
 if __name__ == "__main__":

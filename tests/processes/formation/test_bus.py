@@ -114,7 +114,7 @@ def test_excess_queries_are_refused_at_once(pair: tuple[Bus, Bus], monkeypatch: 
     start = time.monotonic()
     assert there.ask(REQUESTED, b"second", PATIENCE) == []
     assert time.monotonic() - start < PATIENCE / 2
-    assert here.serve() == 1
+    assert here.mailbox.serve() == 1
     asking.join()
     assert [reply.payload for reply in replies] == [b"first"]
 

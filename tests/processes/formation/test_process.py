@@ -63,7 +63,7 @@ def run(core: Counting) -> int:
         with Process("agent robot2", flags(), BusConfig(), stop) as one:
             one.declare(core)
             one.ready("robot2/status")
-            one.run(core)
+            one.play(one.loop(core))
 
     return run_process("robot2", flags(), main)
 
