@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -174,18 +173,3 @@ def command_topic(kind: Literal["twist", "twist_stamped"]) -> Topic:
     if kind == "twist":
         return CMD_VEL
     return replace(CMD_VEL, type=CMD_VEL.alternative, alternative="")
-
-
-def markdown() -> str:
-    """The table as it is printed in docs/reference/topics.md."""
-
-    def rows() -> Iterator[str]:
-        yield "| key | message | from → to | rate | QoS | what |"
-        yield "|---|---|---|---|---|---|"
-        for t in TABLE:
-            key = t.pattern.replace("{", "<").replace("}", ">")
-            message = " or ".join(name.replace("/msg/", "/") for name in t.types) or "JSON"
-            qos = str(t.qos) if t.qos else "queryable"
-            yield f"| `{key}` | {message} | {t.sender} → {t.receiver} | {t.rate} | {qos} | {t.purpose} |"
-
-    return "\n".join(rows()) + "\n"

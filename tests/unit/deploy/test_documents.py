@@ -22,9 +22,8 @@ from formation.deploy.rehearsal.faults import KINDS
 from formation.mission.file import shipped
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import STATES
-from formation.topics import markdown
 from formation.transport.runtime.command_line import EXTRAS
-from tests.support.reference import mission_keys
+from tests.support.reference import mission_keys, topics
 from tests.support.reference.__main__ import PAGES as GENERATED
 from tests.support.reference.__main__ import REGENERATE
 from tests.support.reference.mission_keys import TABLES
@@ -44,10 +43,10 @@ LINKED = sorted({*PAGES, *REFERENCE.glob("*.md"), ROOT / "docs" / "glossary.md"}
 
 
 def test_topic_table_of_docs_equals_code() -> None:
-    topics = (ROOT / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
-    table = re.search(r"<!-- topics: begin -->\n(.*)<!-- topics: end -->", topics, re.DOTALL)
+    page = (ROOT / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
+    table = re.search(r"<!-- topics: begin -->\n(.*)<!-- topics: end -->", page, re.DOTALL)
     assert table is not None
-    assert table[1] == markdown()
+    assert table[1] == topics.table()
 
 
 @pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))

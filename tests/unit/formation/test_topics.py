@@ -13,7 +13,6 @@ from formation.topics import (
     TABLE,
     WATCHDOG,
     command_topic,
-    markdown,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -47,16 +46,6 @@ def test_both_command_types_use_the_same_key() -> None:
 def test_only_orders_and_watchdogs_are_queried() -> None:
     assert [topic for topic in TABLE if topic.qos is None] == [ORDER, WATCHDOG]
     assert [topic for topic in TABLE if not topic.types] == [ORDER, WATCHDOG]
-
-
-def test_markdown_has_one_row_per_topic() -> None:
-    head, _, *rows = markdown().splitlines()
-    assert len(rows) == len(TABLE)
-    assert {row.count("|") for row in [head, *rows]} == {7}
-    assert (
-        "| `<robot>/cmd_vel` | geometry_msgs/Twist or geometry_msgs/TwistStamped | agent → its robot |"
-        in markdown()
-    )
 
 
 def test_only_topics_module_spells_keys() -> None:
