@@ -47,18 +47,6 @@ class Estimate(NamedTuple):
     covariance: Matrix
     """Of the deviations (x, y, θ, b) [m; rad; rad/s]."""
 
-    @property
-    def position_deviation(self) -> float:
-        """Greatest standard deviation of the position in any direction [m]."""
-        (xx, xy, _, _), (_, yy, _, _), _, _ = self.covariance
-        half = 0.5 * (xx - yy)
-        return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)))
-
-    @property
-    def heading_deviation(self) -> float:
-        """Standard deviation of the heading [rad]."""
-        return math.sqrt(max(0.0, self.covariance[2][2]))
-
 
 class Measurement(NamedTuple):
     """What a measurement should be, how it depends on the state, and what it was."""

@@ -72,11 +72,6 @@ def body_velocity(speed: float, turn_rate: float, offset: float) -> complex:
     return complex(speed, offset * turn_rate)
 
 
-def control_point_velocity(heading: complex, speed: float, turn_rate: float, offset: float) -> complex:
-    """Velocity of the control point [m/s; world frame]: Eq. (4)."""
-    return heading * body_velocity(speed, turn_rate, offset)
-
-
 def saturate(nominal: complex, offset: float, max_speed: float, max_turn_rate: float) -> Command:
     """The nominal control-point velocity u_r + i L ω_r as a command within limits: Eqs. (8), (9).
 

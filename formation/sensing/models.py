@@ -67,11 +67,6 @@ class ScannerModel(NamedTuple):
     stamped_late: bool = True
     """Whether a message is stamped when the turn ends, and not when it begins."""
 
-    @property
-    def turn_time(self) -> float:
-        """Duration of a turn [s]."""
-        return 1.0 / self.rate
-
     def corrected(self, scan: LaserScan) -> LaserScan:
         """The scan with the limits of the data sheet, right directions, and beams and times of a full turn.
 

@@ -134,5 +134,5 @@ def sent(
         true = distance_along(direction, discs, wall)
         reading = true + chance.gauss(0.0, noise.deviation(true)) if math.isfinite(true) else true
         readings.append(math.inf if chance.random() < 0.1 else reading)
-    scan = DRIVERS[model](readings, 100.0, MODELS[model].turn_time, phase)
+    scan = DRIVERS[model](readings, 100.0, 1.0 / MODELS[model].rate, phase)
     return MODELS[model].corrected(decode(LaserScan, encode(scan)))
