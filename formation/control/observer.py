@@ -70,13 +70,12 @@ def innovation(estimate: complex, travel: Travel, gain: float) -> complex:
 class Observer(NamedTuple):
     """An observer of the heading."""
 
-    name: str
     step: Callable[[complex, Travel, float], complex]
     """(estimate, travel, gain [1/m]) -> estimate one interval on."""
     start: Callable[[complex, float], complex] | None = None
     """(position [m; world frame], gain [1/m]) -> first estimate; None if it starts from a guess."""
 
 
-INNOVATION = Observer("innovation", innovation)
-MENDED = Observer("mended", mended, printed_start)
-PRINTED = Observer("printed", printed, printed_start)
+INNOVATION = Observer(innovation)
+MENDED = Observer(mended, printed_start)
+PRINTED = Observer(printed, printed_start)
