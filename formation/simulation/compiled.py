@@ -52,10 +52,19 @@ def _compiled(function: Any, instead: tuple[tuple[str, Callable[..., Any]], ...]
     from formation.simulation.machine_code_cache import cache_code  # noqa: PLC0415 - it loads numba too
 
     compiled_function = njit(own, error_model="numpy", forceinline=not outermost)
-    parts = (function, *(one for _, one in instead))
-    if outermost and all(one.__module__.startswith("formation.") for one in parts):
-        cache_code(compiled_function)
+    if outermost:
+        cache_code(compiled_function, _modules(function, instead))
     return compiled_function
+
+
+@cache
+def _modules(function: Any, instead: tuple[tuple[str, Callable[..., Any]], ...]) -> frozenset[str]:
+    """The modules of a function and of all functions that it names."""
+    known = {**function.__globals__, **dict(instead)}
+    named = (known.get(name) for name in _names(function.__code__))
+    return frozenset([function.__module__]).union(
+        *(_modules(one, instead) for one in named if isinstance(one, FunctionType))
+    )
 
 
 def _names(code: CodeType) -> set[str]:

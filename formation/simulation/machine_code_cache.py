@@ -1,7 +1,8 @@
-"""A cache of compiled code for later processes, in a folder of the user, one for each version of the sources.
+"""A cache of compiled code for later processes, in a folder of the user, one for each version of its sources.
 
-numba's own cache checks only the file of the compiled function, not those of the functions it calls; it
-reads any file it finds, though such a file can run anything; and it fails if a file is damaged.
+Only the packages in `SOURCES` count as these, so that a change elsewhere compiles nothing again. numba's own
+cache checks only the file of the compiled function, not those of the functions it calls; it reads any file
+it finds, though such a file can run anything; and it fails if a file is damaged.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 import shutil
 import stat
 import sys
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -22,11 +24,15 @@ from numba.core.caching import FunctionCache
 
 MAX_UNUSED_TIME = 30.0 * 24.0 * 3600.0
 """Time without use after which compiled code is deleted [s]."""
+SOURCES = ("control", "mission", "simulation")
+"""Packages of `formation` whose functions, and numbers, cached code may use."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-def cache_code(dispatcher: Any) -> None:
-    """Cache the machine code of a compiled function, if there is room."""
+def cache_code(dispatcher: Any, modules: Iterable[str]) -> None:
+    """Cache the machine code of a function compiled from `modules` of `SOURCES`, if there is room."""
+    if not all(name.startswith(tuple(f"formation.{one}." for one in SOURCES)) for name in modules):
+        return
     with suppress(RuntimeError):  # numba's error for a folder that is not writable
         if not _can_cache():
             return
@@ -53,7 +59,7 @@ class _Cache(FunctionCache):
 @cache
 def _can_cache() -> bool:
     digest = hashlib.sha256(sys.version.encode())
-    for source in sorted(_PACKAGE.rglob("*.py")):
+    for source in sorted(path for one in SOURCES for path in (_PACKAGE / one).rglob("*.py")):
         digest.update(source.read_bytes())
     try:
         caches = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")

@@ -15,14 +15,24 @@ from formation.simulation.compiled import compiled
 made = compiled(clip)
 print(made(3.0, 1.0), sum(made.stats.cache_hits.values()))
 """
+CALLS_OTHERS = """
+from formation.simulation.compiled import compiled
+def half(value):
+    return 0.5 * value
+def law(value):
+    return half(value)
+law.__module__ = "formation.control.plane"
+made = compiled(law)
+print(made(2.0), sum(made.stats.cache_hits.values()))
+"""
 COMPILED, FOUND = "1.0 0", "1.0 1"
 
 
-def compiling(**environment: str | Path) -> str:
+def compiling(script: str = COMPILE, /, **environment: str | Path) -> str:
     """Compile in a new process; return what it prints: a computed number and its cache hits."""
     given = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     given.update({name: str(value) for name, value in environment.items()})
-    command = (sys.executable, "-c", COMPILE)
+    command = (sys.executable, "-c", script)
     return subprocess.run(command, env=given, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
 
 
@@ -35,6 +45,12 @@ def cache_folder(caches: Path) -> Path:
 def test_next_process_uses_cached_machine_code(name: str, tmp_path: Path) -> None:
     assert compiling(**{name: tmp_path}) == COMPILED
     assert compiling(**{name: tmp_path}) == FOUND
+
+
+def test_function_that_calls_other_packages_is_not_cached(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(CALLS_OTHERS)
+    found = [compiling("import own", PYTHONPATH=tmp_path, XDG_CACHE_HOME=tmp_path) for _ in range(2)]
+    assert found == [COMPILED, COMPILED]
 
 
 def test_function_is_compiled_without_writable_cache_folder(tmp_path: Path) -> None:
