@@ -31,7 +31,10 @@ from formation.agent.pose.motion_model import (
     MotionModelState,
     OwnDelay,
     OwnDelayState,
+    ahead_at,
+    path_at,
     positions,
+    turning_at,
     turns,
 )
 from formation.control.observer import Travel
@@ -268,10 +271,10 @@ class MotionCheck:
         if self._has_speeds and not gap and self.state.doubt is None:
             self.state.doubt = self._contradiction(moment, travel, models)
         if self._position.shows_motion(points, newest.path):
-            self._position.begin(moment, points, models[HALF_DELAY_INDEX].path)
+            self._position.begin(moment, points, path_at(models[HALF_DELAY_INDEX]))
             self.state.confirmed += 1
         if self._heading.shows_motion(turned, newest.turning):
-            self._heading.begin(moment, turned, models[HALF_DELAY_INDEX].turning)
+            self._heading.begin(moment, turned, turning_at(models[HALF_DELAY_INDEX]))
 
     def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
         """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
@@ -285,12 +288,12 @@ class MotionCheck:
                 self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)
 
     def _begin(self, moment: float, models: Sequence[Between]) -> None:
-        self._position.begin(moment, positions(models), models[HALF_DELAY_INDEX].path)
-        self._heading.begin(moment, turns(models), models[HALF_DELAY_INDEX].turning)
+        self._position.begin(moment, positions(models), path_at(models[HALF_DELAY_INDEX]))
+        self._heading.begin(moment, turns(models), turning_at(models[HALF_DELAY_INDEX]))
         self._begin_window(moment, models)
 
     def _begin_window(self, moment: float, models: Sequence[Between]) -> None:
-        self.state.window = SpeedWindow(began=moment, ahead_before=[one.ahead for one in models])
+        self.state.window = SpeedWindow(began=moment, ahead_before=[ahead_at(one) for one in models])
 
     def _contradiction(self, moment: float, travel: Travel, models: Sequence[Between]) -> Disagreement | None:
         """How odometry's speeds contradict its positions, or the commands."""
@@ -307,8 +310,8 @@ class MotionCheck:
             if over > FORGETTING_TIME:
                 self._begin_window(moment, models)
             return None
-        ahead = [one.ahead - before for one, before in zip(models, window.ahead_before, strict=True)]
-        opposite = min(-math.copysign(1.0, window.reported) * one for one in ahead)
+        went = [ahead_at(one) - before for one, before in zip(models, window.ahead_before, strict=True)]
+        opposite = min(-math.copysign(1.0, window.reported) * one for one in went)
         reported, changed = window.reported, window.most - window.least
         self._begin_window(moment, models)
         if opposite > MAX_REVERSED_DISTANCE and abs(reported) > MAX_REVERSED_DISTANCE:

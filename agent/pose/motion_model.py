@@ -177,7 +177,7 @@ class MotionModel:
         newest = after = next(earlier)
         before = next(earlier, after)
         begin, end = before.moment, after.moment
-        found = [Between(newest, newest, 0.0)]
+        found: list[Between] = [(newest, newest, 0.0)]
         for step in range(1, count):
             moment = newest.moment - step * spacing
             while begin >= moment and before is not after:
@@ -186,32 +186,31 @@ class MotionModel:
                 begin = before.moment
             stood = moment <= begin or begin == -math.inf
             share = 0.0 if stood else min(1.0, (moment - begin) / (end - begin))
-            found.append(Between(before, after, share))
+            found.append((before, after, share))
         return found
 
 
-class Between(NamedTuple):
-    """A moment between two states: the dead reckoning is interpolated along the straight line."""
+Between = tuple[Modelled, Modelled, float]
+"""A moment between two states, and its place between them, from 0 to 1: the dead reckoning is interpolated
+along the straight line. A plain tuple, because each measurement makes dozens of them."""
 
-    before: Modelled
-    after: Modelled
-    share: float
-    """Place between them, from 0 to 1."""
 
-    @property
-    def ahead(self) -> float:
-        """Signed path length [m]."""
-        return self.before.ahead + self.share * (self.after.ahead - self.before.ahead)
+def ahead_at(moment: Between) -> float:
+    """Return the signed path length [m]."""
+    before, after, share = moment
+    return before.ahead + share * (after.ahead - before.ahead)
 
-    @property
-    def path(self) -> float:
-        """Path length [m]."""
-        return self.before.path + self.share * (self.after.path - self.before.path)
 
-    @property
-    def turning(self) -> float:
-        """Sum of the turn's absolute value [rad]."""
-        return self.before.turning + self.share * (self.after.turning - self.before.turning)
+def path_at(moment: Between) -> float:
+    """Return the path length [m]."""
+    before, after, share = moment
+    return before.path + share * (after.path - before.path)
+
+
+def turning_at(moment: Between) -> float:
+    """Return the sum of the turn's absolute value [rad]."""
+    before, after, share = moment
+    return before.turning + share * (after.turning - before.turning)
 
 
 def positions(moments: Sequence[Between]) -> list[complex]:
@@ -291,13 +290,12 @@ class OwnDelay:
             kept * total + one * seen for total, one in zip(state.products, commanded, strict=True)
         ]
 
-    def misfits(self) -> list[float]:
-        """Mean square that is left by each delay [m²]."""
+    def misfits(self) -> Iterator[float]:
+        """Yield the mean square that is left by each delay [m²]."""
         state = self.state
-        return [
-            max(0.0, state.squares - (product * product / square if square > 0.0 else 0.0)) / state.count
-            for square, product in zip(state.model_squares, state.products, strict=True)
-        ]
+        for square, product in zip(state.model_squares, state.products, strict=True):
+            explained = product * product / square if square > 0.0 else 0.0
+            yield max(0.0, state.squares - explained) / state.count
 
     def judge(self, limit: float) -> float | None:
         """Delay of the measurements [s], if it explains them and none up to `limit` [s] does; else None."""
@@ -307,9 +305,13 @@ class OwnDelay:
         allowed = math.floor(min(limit, KEPT_TIME) / SPACING + 0.5) + 1
         if allowed >= GRID_COUNT:
             return None
-        misfits = self.misfits()
+        misfits: list[float] = []
+        for misfit in self.misfits():
+            if len(misfits) < allowed and misfit < self._misfit**2:
+                return None  # as a rule at once: the shortest delays fit
+            misfits.append(misfit)
         within, beyond = min(misfits[:allowed]), min(misfits[allowed:])
-        if within < self._misfit**2 or within < FIT_RATIO * beyond:
+        if within < FIT_RATIO * beyond:
             return None
         if beyond > (1.0 - MIN_FIT) * state.squares / state.count:
             return None
