@@ -7,6 +7,7 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -48,6 +49,7 @@ def sshd(folder: Path, *lines: str) -> Iterator[Server]:
         "UsePAM no",
         "PasswordAuthentication no",
         "MaxStartups 100",
+        f"SetEnv PATH={Path(sys.base_prefix) / 'bin'}:{os.environ['PATH']}",  # bundles are for this Python
         *lines,
     ]
     config.write_text("\n".join(settings) + "\n", encoding="utf-8")
