@@ -11,7 +11,9 @@ from typing import NamedTuple
 HOP_DELAY = 0.0005
 """Shortest delay between two machines [s]."""
 HOP_JITTER = 0.0015
-"""Without faults delays are longer than that by up to this [s]."""
+"""Without faults delays are longer than that by up to this [s], and messages of a link keep their order."""
+ORDER_GAP = 1e-9
+"""Least time between two messages of a link that would have overtaken each other [s]: more than rounding."""
 LOCAL_DELAY = 0.0003
 """Delay between two processes of one machine [s]."""
 MAX_QUEUE_TIME = 3.0
@@ -49,6 +51,7 @@ class Air:
         self._local: dict[str, list[Weather]] = {}
         self._deaf: Counter[tuple[str, str]] = Counter()
         self._free_at: dict[tuple[str, str], float] = {}
+        self._hopped: dict[tuple[str, str], float] = {}  # when the newest message of a link has arrived [s]
 
     @property
     def undisturbed(self) -> bool:
@@ -91,9 +94,16 @@ class Air:
                 one.delay + one.jitter * chance() + one.growth * (self._now() - one.since)
                 for one in disturbed
             )
-            way = HOP_DELAY + HOP_JITTER * chance() + extra + queue
+            way = self._hop(sender, receiver, chance()) + extra + queue
             yield way
             yield from (way + one.again for one in disturbed if one.again > 0.0)
+
+    def _hop(self, sender: str, receiver: str, chance: float) -> float:
+        """Return the delay without faults [s], after that of the message before."""
+        now, link = self._now(), (sender, receiver)
+        hop = max(HOP_DELAY + HOP_JITTER * chance, self._hopped.get(link, 0.0) + ORDER_GAP - now)
+        self._hopped[link] = now + hop
+        return hop
 
     def _chance(self, receiver: str) -> Callable[[], float]:
         """Return what draws the fate of messages to `receiver`."""
