@@ -22,6 +22,17 @@ def test_calm_air_carries_each_message_once() -> None:
     assert all(len(ways) == 1 and QUICK <= ways[0] <= LATE for ways in sent(air()))
 
 
+@pytest.mark.parametrize(("weather", "ordered"), [(Weather(delay=0.2), True), (Weather(jitter=0.01), False)])
+def test_messages_of_a_link_overtake_each_other_only_with_jitter(weather: Weather, *, ordered: bool) -> None:
+    now, arrived = [0.0], []
+    link = Air(1, lambda: now[0], weather)
+    for number in range(1000):
+        now[0] = 0.0001 * number
+        (way,) = link.ways("a", "b", 100)
+        arrived.append(now[0] + way)
+    assert (arrived == sorted(set(arrived))) is ordered
+
+
 def test_message_within_one_machine_has_only_local_delay() -> None:
     assert list(air(Weather(loss=1.0)).ways("a", "a", 100)) == [LOCAL_DELAY]
 
