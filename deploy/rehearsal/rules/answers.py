@@ -29,9 +29,11 @@ class Answers:
             return
         request, reply = order.decode(OperatorRequest, data), order.decode(OperatorReply, answer)
         now, known = self._fleet.engine.now, (name, request.do, request.id)
-        if reply.ok and known not in self._known:
-            self._check(name, process, request, now)
+        if known in self._known and not (request.do in RESTS and request.age == 0.0):
+            return  # a repeated request gets the same answer, and changes nothing
         self._known.add(known)
+        if reply.ok:
+            self._check(name, process, request, now)
         if request.do in RESTS:
             self._rested[process] = now
             if request.do == "stop" and reply.ok:

@@ -44,7 +44,8 @@ class Commands:
         self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
         self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
         self._newest_order = ""  # id of the newest order
-        self._newest_run = 0  # number of the newest run that was ordered
+        self._ordered: dict[str, float] = {}  # when each request was ordered, by its id [s]
+        self._newest_run = 0.0  # when the newest run was ordered [s]
         self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         fleet.local.watchers.append(self._command)
@@ -59,15 +60,17 @@ class Commands:
         elif request.do == "release":
             self._stopped.pop(name, None)
         rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
-        if rests and _number(request) > self._newest_run:
+        if rests and self._ordered[request.id] > self._newest_run:
             self._resting.setdefault(name, self._fleet.engine.now)
 
     def ordered(self, request: OperatorRequest) -> None:
         """Note what an operator orders."""
+        now = self._fleet.engine.now
+        self._ordered[request.id] = now
         if request.do != "query":
             self._newest_order = request.id
         if request.do == "run":
-            self._newest_run = _number(request)
+            self._newest_run = now
             self._resting.clear()
 
     def look(self) -> None:
@@ -142,11 +145,6 @@ def command_in(mission: Mission, name: str, payload: bytes) -> Command:
     stamped = mission.robots[name].cmd_vel == "twist_stamped"
     twist = decode(TwistStamped, payload) if stamped else decode(Twist, payload)
     return Command(twist.speed, twist.turn_rate)
-
-
-def _number(request: OperatorRequest) -> int:
-    """Number of an operator's request."""
-    return int(request.id.rpartition("-")[2])
 
 
 def _ramp_of(mission: Mission, name: str) -> RampLimits:

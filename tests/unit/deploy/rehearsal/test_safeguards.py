@@ -214,3 +214,10 @@ def test_every_rule_holds_without_the_defect(defect: str) -> None:
 )
 def test_every_rule_holds_with_one_fault_after_another(mission: Mission, faults: str) -> None:
     assert rehearsed(mission, faults).violations == ()
+
+
+@pytest.mark.parametrize(("mission", "seed"), [(TRIO, 0), (PAIR, 3)])
+def test_every_rule_holds_with_late_answers_to_a_wavering_operator(mission: Mission, seed: int) -> None:
+    """A robot answers a repeated hold although it has obeyed the next run meanwhile."""
+    faults = tuple(parse(one, mission) for one in ("robot2:waver@5+4", "robot2:loss=0.6@5+6"))
+    assert run(Plan(mission), seed, faults).violations == ()
