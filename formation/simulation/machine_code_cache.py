@@ -25,7 +25,7 @@ from numba.core.caching import FunctionCache
 MAX_UNUSED_TIME = 30.0 * 24.0 * 3600.0
 """Time without use after which compiled code is deleted [s]."""
 SOURCES = ("control", "mission", "simulation")
-"""Packages of `formation` whose functions, and numbers, cached code may use."""
+"""Packages of `formation` from which cached code may use functions and numbers."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
