@@ -8,6 +8,7 @@ arguments, 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import sys
@@ -120,15 +121,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"formation: this {needs(package)}", file=sys.stderr)
         code = 2
-    except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 1
+    except OSError as error:
+        code = _unwritten(error)
     except KeyboardInterrupt:
         print("\nformation: interrupted", file=sys.stderr)
         code = 130
     if arguments is None:
         _leave(code)
     return code
+
+
+def _unwritten(error: OSError) -> int:
+    """Drop the rest of the output if stdout has failed, and return the exit code; else raise `error`."""
+    closed = isinstance(error, BrokenPipeError)
+    if not closed and (error.errno not in {errno.ENOSPC, errno.EIO} or error.filename is not None):
+        raise error
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if closed:  # by its reader
+        return 1
+    print(f"formation: the output cannot be written: {error.strerror}", file=sys.stderr)
+    return 2
 
 
 def _leave(code: int) -> None:

@@ -72,13 +72,11 @@ def main(arguments: Sequence[str]) -> int:
         try:
             while True:
                 drive.step(read())
-        except Ended as ended:
+        except (Ended, KeyboardInterrupt) as end:
             drive.step(RELEASED)
-            print(f"\nformation: {ended}", file=sys.stderr)
+            ended = end if isinstance(end, Ended) else Ended(0, "drive ended")
+            print(f"\nformation: {ended}: {drive.outcome}", file=sys.stderr)
             return ended.code
-        except KeyboardInterrupt:
-            drive.step(RELEASED)
-            return 0
 
 
 class _Drive:
@@ -86,9 +84,16 @@ class _Drive:
 
     def __init__(self, bus: Bus, mission: Mission, speed: float, turn_rate: float) -> None:
         self._bus, self._speed, self._turn_rate = bus, speed, turn_rate
-        self._remote = Remote(mission, f"driver-{uuid4().hex[:12]}")
+        self._remote, self._name = Remote(mission, f"driver-{uuid4().hex[:12]}"), mission.name
         self._open: list[tuple[Question, float]] = []
         self._shown = ""
+
+    @property
+    def outcome(self) -> str:
+        """What the robots do after the drive, as far as the leader's answers tell."""
+        if self._remote.state.reply is not None:
+            return "all robots hold"
+        return f"no leader of {self._name} has answered, so what the robots do is not known; does it run?"
 
     def step(self, share: Share) -> None:
         """Send the velocity, take answers for a period, and show the state."""
@@ -156,7 +161,7 @@ def _gamepad(path: Path) -> Iterator[Callable[[], Share]]:
         gamepad.read(file)
         share = gamepad.velocity(time.monotonic())
         if share is None:
-            raise Ended(1, f"{path} failed: all robots hold")
+            raise Ended(1, f"{path} failed")
         return share
 
     try:
@@ -182,12 +187,12 @@ def _keys() -> Iterator[Callable[[], Share]]:
         while select.select([file], [], [], 0.0)[0]:
             data = os.read(file, 64)
             if not data:
-                raise Ended(1, "the terminal is gone: all robots hold")
+                raise Ended(1, "the terminal is gone")
             text = data.decode(errors="replace")
             if not waited or QUIT & set(text):  # keys that have waited may have been let go
                 keys.press(text, now)
         if keys.quits:
-            raise Ended(0, "drive ended: all robots hold")
+            raise Ended(0, "drive ended")
         return keys.velocity(now)
 
     try:

@@ -18,6 +18,7 @@ from formation.deploy.rehearsal.bridges import repeat, restart
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.mission.model import Mission
+from formation.mission.robot import RobotSpec
 
 FIRST_START, LAST_START = 3.0, 25.0
 """Drawn faults start between these times [s]."""
@@ -117,6 +118,10 @@ def parse(text: str, mission: Mission) -> Fault:
     names = mission.followers if KINDS[fault.kind].robots_only else (*mission.names, *mission.standbys)
     if fault.robot not in names:
         raise ValueError(f"{text!r}: {fault.robot}: must be one of {', '.join(names)}")
+    if KINDS[fault.kind].robots_only and not _concerns(fault.kind, mission.robots[fault.robot]):
+        able = [name for name in mission.followers if _concerns(fault.kind, mission.robots[name])]
+        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission has one"
+        raise ValueError(f"{text!r}: {fault.robot} has no sensor for {fault.kind}; {legal}")
     return fault
 
 
@@ -138,13 +143,17 @@ def spelled(fault: Fault) -> str:
 
 def possible(kind: str, mission: Mission) -> bool:
     """Whether any robot of `mission` has the sensor that a fault of this kind is of."""
-    robots = [mission.robots[name] for name in mission.followers]
+    return any(_concerns(kind, mission.robots[name]) for name in mission.followers)
+
+
+def _concerns(kind: str, spec: RobotSpec) -> bool:
+    """Whether a robot has the sensor that a fault of this kind is of."""
     if kind == "restart":
-        return any(spec.odometry_frame == "start" and spec.localisation == "odometry" for spec in robots)
+        return spec.odometry_frame == "start" and spec.localisation == "odometry"
     sensor = {**STUCK, **LATE}.get(kind)
     if sensor == "relative":
-        return any(spec.measurement == "local" for spec in robots)
-    return sensor != "scan" or any(spec.scanner != "none" for spec in robots)
+        return spec.measurement == "local"
+    return sensor != "scan" or spec.scanner != "none"
 
 
 def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:
@@ -155,7 +164,9 @@ def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:
     for _ in range(chance.randint(1, MAX_DRAWN_FAULTS) if kinds else 0):
         kind = chance.choice(kinds)
         about = KINDS[kind]
-        names = mission.followers if about.robots_only else (*mission.names, *mission.standbys)
+        names = (*mission.names, *mission.standbys)
+        if about.robots_only:
+            names = tuple(name for name in mission.followers if _concerns(kind, mission.robots[name]))
         drawn.append(
             Fault(
                 chance.choice(names),

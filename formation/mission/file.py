@@ -117,6 +117,11 @@ def read(mission: str | Path) -> tuple[str, str]:
         raise MissionError(
             f"{mission}: no such file, and no shipped mission of that name ({names})"
         ) from None
+    except IsADirectoryError:
+        raise MissionError(
+            f"{mission}: is a folder without bundles; name a TOML file, a shipped mission or a folder that"
+            " `formation deploy bundle` has made"
+        ) from None
     except OSError as error:
         raise MissionError(f"{mission}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Sequence
@@ -138,3 +139,24 @@ def test_json_output_writes_nonfinite_numbers_as_null() -> None:
     text = as_json({"a": float("nan"), "b": [1.5, float("inf")], "c": {"d": None}})
     assert json.loads(text) == {"a": None, "b": [1.5, None], "c": {"d": None}}
     assert os.linesep not in text
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "printed"),
+    [
+        (errno.EPIPE, 1, ""),
+        (errno.ENOSPC, 2, "formation: the output cannot be written: full\n"),
+    ],
+)
+def test_output_that_cannot_be_written_ends_the_command(
+    number: int, code: int, printed: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(monkeypatch, OSError(number, "full"))
+    assert cli.main(["check"]) == code
+    assert capfd.readouterr().err == printed
+
+
+def test_file_error_of_a_command_is_not_taken_for_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(monkeypatch, OSError(errno.ENOSPC, "No space left on device", "run.mcap"))
+    with pytest.raises(OSError, match=r"run\.mcap"):
+        cli.main(["check"])

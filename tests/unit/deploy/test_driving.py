@@ -145,3 +145,13 @@ def test_state_names_reason_of_leader_refusal() -> None:
     assert remote.state.words(1.0) == "no leader answers"
     remote.answered([replied("leader", 1, reason="held: order run first")], 1.0, 1.01)
     assert remote.state.words(1.02) == "leader does not obey: held: order run first"
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_end_of_drive_says_hold_only_if_the_leader_has_answered(*, answered: bool) -> None:
+    one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
+    if answered:
+        reply = OperatorReply(robot="leader", mode="hold", ok=True, leads=True, token=1)
+        one._remote.answered([order.encode(reply)], 0.0, 0.1)
+    assert ("all robots hold" in one.outcome) is answered
+    assert ("no leader of patrol has answered" in one.outcome) is not answered

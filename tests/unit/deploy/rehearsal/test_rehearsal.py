@@ -80,6 +80,7 @@ def test_spelled_faults_parse_to_the_same_faults() -> None:
         ("robot2:melt@3", "melt: must be one of loss, delay, .*, carried"),
         ("robot9:kill@3", "robot9: must be one of robot1, robot2"),
         ("robot1:frozen@3", "robot1: must be one of robot2, robot3"),
+        ("robot2:scan_frozen@3", "robot2 has no sensor for scan_frozen; no robot of the mission has one"),
     ],
 )
 def test_parse_of_illegal_fault_names_legal_values(text: str, why: str) -> None:
