@@ -287,9 +287,16 @@ def test_load_refuses_file_above_max_mission_bytes(tmp_path: Path) -> None:
         load(file)
 
 
-@pytest.mark.parametrize("name", ["a\0b", "\ud800.toml", "."])
-def test_path_that_is_no_file_is_refused(name: str) -> None:
-    with pytest.raises(MissionError, match="cannot be read"):
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("a\0b", "cannot be read"),
+        ("\ud800.toml", "cannot be read"),
+        (".", "is a folder without bundles; name a TOML file, a shipped mission or a folder"),
+    ],
+)
+def test_path_that_is_no_file_is_refused(name: str, why: str) -> None:
+    with pytest.raises(MissionError, match=why):
         load(name)
 
 
