@@ -20,10 +20,18 @@ from formation.deploy.rehearsal.rules.judge import RULES
 from formation.deploy.rehearse import main
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load, read
+from tests.campaigns.defects.plan import MISSIONS
 from tests.support.examples import slow
 from tests.unit.deploy.commands import Capsys
 
 SIX, PATROL, PAIR = load("six_robots"), load("patrol"), load("turtlebot3_pair")
+MEASURED, POSTS = load(MISSIONS / "measured.toml"), load("posts")
+WITH_SENSOR = {
+    "restart": (PAIR, "robot1"),
+    **{f"relative_{how}": (MEASURED, "robot3") for how in ("frozen", "late")},
+    **{f"scan_{how}": (POSTS, "robot1") for how in ("frozen", "late")},
+}
+"""Kinds of faults that need a sensor which six_robots lacks, and a robot that has it."""
 
 
 def faults(*texts: str, mission: Any = SIX) -> tuple[Fault, ...]:
@@ -56,9 +64,10 @@ def test_odometry_drift_does_not_break_formation_rule() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_rule_holds_with_each_fault(kind: str) -> None:
-    name = "robot3" if KINDS[kind].robots_only else "robot1"
-    plan = Plan(SIX, signed=kind in INSIDERS)
-    assert run(plan, 0, faults(f"{name}:{kind}@6+4")).violations == ()
+    usual = SIX, "robot3" if KINDS[kind].robots_only else "robot1"
+    mission, name = WITH_SENSOR.get(kind, usual)
+    plan = Plan(mission, signed=kind in INSIDERS)
+    assert run(plan, 0, faults(f"{name}:{kind}@6+4", mission=mission)).violations == ()
 
 
 @pytest.mark.slow
