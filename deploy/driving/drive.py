@@ -91,9 +91,10 @@ class _Drive:
     @property
     def outcome(self) -> str:
         """What the robots do after the drive, as far as the leader's answers tell."""
-        if self._remote.state.reply is not None:
-            return "all robots hold"
-        return f"no leader of {self._name} has answered, so what the robots do is not known; does it run?"
+        state = self._remote.state
+        if state.reply is None:
+            return f"no leader of {self._name} has answered, so what the robots do is not known; does it run?"
+        return f"{state.reply.robot} did not obey: {state.refusal}" if state.refusal else "all robots hold"
 
     def step(self, share: Share) -> None:
         """Send the velocity, take answers for a period, and show the state."""

@@ -25,12 +25,18 @@ class State(NamedTuple):
     seconds: float = 0.0
     """Time from the request to the answer [s]."""
 
+    @property
+    def refusal(self) -> str:
+        """Why the leader's newest answer refuses to be driven; empty if it does not."""
+        reply = self.reply
+        return "" if reply is None or reply.ok or reply.code == "first" else reply.reason
+
     def words(self, now: float) -> str:
         """Say in one line how the drive goes at `now` [s, monotonic]."""
         if self.reply is None or now - self.answered > DRIVE_TIMEOUT_SECONDS:
             return "no leader answers"
-        if not self.reply.ok and self.reply.code != "first":
-            return f"{self.reply.robot} does not obey: {self.reply.reason}"
+        if self.refusal:
+            return f"{self.reply.robot} does not obey: {self.refusal}"
         return f"{self.reply.robot}: {self.reply.mode}, answers in {self.seconds * 1e3:.0f} ms"
 
 

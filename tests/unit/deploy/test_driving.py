@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -147,11 +148,18 @@ def test_state_names_reason_of_leader_refusal() -> None:
     assert remote.state.words(1.02) == "leader does not obey: held: order run first"
 
 
-@pytest.mark.parametrize("answered", [True, False])
-def test_end_of_drive_says_hold_only_if_the_leader_has_answered(*, answered: bool) -> None:
+@pytest.mark.parametrize(
+    ("replies", "says"),
+    [
+        ([], "no leader of patrol has answered"),
+        ([{"ok": True}], "all robots hold"),
+        ([{"ok": False, "code": "first", "reason": "a token"}], "all robots hold"),
+        ([{"ok": False, "reason": "another drives"}], "leader did not obey: another drives"),
+    ],
+)
+def test_end_of_drive_says_hold_only_if_the_leader_obeys(replies: list[dict[str, Any]], says: str) -> None:
     one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
-    if answered:
-        reply = OperatorReply(robot="leader", mode="hold", ok=True, leads=True, token=1)
-        one._remote.answered([order.encode(reply)], 0.0, 0.1)
-    assert ("all robots hold" in one.outcome) is answered
-    assert ("no leader of patrol has answered" in one.outcome) is not answered
+    for reply in replies:
+        data = order.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
+        one._remote.answered([data], 0.0, 0.1)
+    assert one.outcome.startswith(says)
