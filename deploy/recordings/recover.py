@@ -1,4 +1,4 @@
-"""`formation recover`: repair a recording that was truncated by a power cut, a kill or a full disk."""
+"""`formation recover`: repair a recording that a power cut, a kill or a full disk cut off or damaged."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ EXAMPLES = """\
   formation recover recordings/six-robots-20260801-101500.mcap
   formation recover monday.mcap -o monday-whole.mcap
 
-`formation report` and `formation replay` read a cut recording as it is; Foxglove, PlotJuggler and `ros2 bag`
-want a whole one. Exit code 0: there is a whole one now, or it was; 2: nothing was written.
+`formation report` and `formation replay` read what is readable of such a recording; Foxglove, PlotJuggler and
+`ros2 bag` want a whole one. Exit code 0: there is a whole one now, or it was; 2: nothing was written.
 """
 PROGRESS_PERIOD = 2.0
 """Time before the first progress message, and between messages [s]."""
@@ -64,7 +64,7 @@ def _report(file: Path, out: Path, found: Found) -> dict[str, Any]:
         "start": found.extent.start,
         "end": found.extent.end,
         "unreadable_bytes": found.unreadable,
-        "damaged_stretches": found.damaged,
+        "damaged_stretches": found.condition.damaged,
     }
 
 
@@ -76,12 +76,13 @@ def _words(file: Path, out: Path, found: Found) -> str:
     what = f"{extent.counts.total()} messages{span}"
     if found.is_whole:
         return f"{file} is whole: {what}. Nothing was written."
-    lines = [f"{file} was cut off, or is still being written. {what} are in {out}."]
+    lines = [f"{file} is {found.condition.words}. {what} are in {out}."]
     if found.unreadable:
         lines.append(f"lost: its last {found.unreadable} bytes, which were not written to their end")
-    if found.damaged:
-        lines.append(f"lost: {found.damaged} stretches of up to half a second, which are damaged")
-    lines.append("lost: what was received after that, within a second of the end")
+    if found.condition.damaged:
+        lines.append("lost: the messages in each damaged place, as a rule half a second's")
+    if found.condition.is_cut:
+        lines.append("lost: what was received after that, within a second of the end")
     return "\n".join(lines)
 
 
@@ -91,7 +92,9 @@ def _time(seconds: float) -> str:
 
 def _flags() -> Any:
     flags = parser(
-        "recover", "Make a recording whole that was cut off. The original is never touched.", EXAMPLES
+        "recover",
+        "Make a recording whole that was cut off or damaged. The original is never touched.",
+        EXAMPLES,
     )
     flags.add_argument("file", metavar="FILE", type=Path, help="the recording: an MCAP file of `formation`'s")
     add_out(flags, "where to (default: FILE with -recovered in its name)", metavar="WHOLE")

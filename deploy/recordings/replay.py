@@ -132,8 +132,8 @@ def _open(options: argparse.Namespace) -> Opened:
         raise Refusal(f"--start {options.start:g}: the recording is over after {length:.1f} s")
     if options.until <= options.start:
         raise Refusal(f"--until {options.until:g}: must be later than --start {options.start:g}")
-    if recording.is_cut():
-        _say(options, f"{options.file} is cut: it is played as far as it goes, {clock(length)}")
+    if incomplete := recording.condition().words:
+        _say(options, f"{options.file} is {incomplete}: what can be read is played, {clock(length)}")
     return Opened(recording, film, film.start + options.start, film.start + options.until)
 
 
@@ -220,7 +220,10 @@ def _options() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     options.add_argument(
-        "file", metavar="FILE", type=Path, help="the recording, MCAP; a cut one plays as well"
+        "file",
+        metavar="FILE",
+        type=Path,
+        help="the recording, MCAP; one that is cut off or damaged plays as well",
     )
     options.add_argument(
         "--speed", type=number(MIN_SPEED, MAX_SPEED), default=1.0, metavar="X",

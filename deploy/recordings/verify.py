@@ -18,7 +18,7 @@ from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.monitor.recording.reader import Recording, UnreadableError, read
+from formation.monitor.recording.reader import Condition, Recording, UnreadableError, read
 
 EXAMPLES = """\
   formation replay recordings/monday.mcap --verify
@@ -43,6 +43,8 @@ class Ran(NamedTuple):
     """A verification and its result."""
 
     recording: Recording
+    condition: Condition
+    """What of the recording cannot be read."""
     mission: Mission
     changed: bool
     """Whether the mission is not the recorded one."""
@@ -107,7 +109,8 @@ def run(recording: Recording, changed: str | None, law: str | None, tolerance: f
             verification.process_sample(message.sample, message.wall)
         verification.close()
     took = time.monotonic() - begin
-    return Ran(recording, mission, changed is not None, verification.verdicts, start, length, took)
+    condition = recording.condition()
+    return Ran(recording, condition, mission, changed is not None, verification.verdicts, start, length, took)
 
 
 def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
@@ -131,7 +134,8 @@ def _conclusion(ran: Ran, min_compared: float) -> str:
         robot, first = ran.first
         return f"the first command that differs is {robot}'s at {first.wall - ran.start:.3f} s"
     if share >= min_compared:
-        return f"no difference in {ran.compared} commands, {share:.1%} or more of every robot's"
+        least = "all" if share == 1.0 else f"{share:.1%} or more"
+        return f"no difference in {ran.compared} commands, {least} of every robot's"
     if not ran.verdicts[robot].commands:
         return f"no verdict: no command of {robot} in the recording (--min-compared 0 accepts that)"
     return (
@@ -182,8 +186,8 @@ def _command(sent: PublishedCommand | None) -> str:
 
 
 def _notes(ran: Ran) -> Iterator[str]:
-    if ran.recording.is_cut():
-        yield "the recording is cut: it was read as far as it goes"
+    if ran.condition.words:
+        yield f"the recording is {ran.condition.words}: commands that cannot be read are not compared"
     if ran.changed:
         if left_out := sorted(set(ran.recording.mission.followers) - set(ran.verdicts)):
             yield f"left out, because {ran.mission.name} has no such follower: {', '.join(left_out)}"

@@ -19,7 +19,16 @@ from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked
 from formation.monitor.recording.rotation import siblings
-from formation.monitor.recording.scan import contents, ends_before, footer, records, summary, understood
+from formation.monitor.recording.scan import (
+    Tell,
+    contents,
+    damaged,
+    ends_before,
+    footer,
+    records,
+    summary,
+    understood,
+)
 from formation.topics import ERROR
 from formation.wire import Now, Sample
 
@@ -63,6 +72,23 @@ class Recorded(NamedTuple):
     """When it arrived [s, system clock of the recorder]."""
 
 
+class Condition(NamedTuple):
+    """What of a recording cannot be read."""
+
+    is_cut: bool
+    """Whether the end of a part is missing: its recorder was killed or is still running."""
+    damaged: int
+    """Number of stretches that cannot be read; each loses up to a chunk's messages."""
+
+    @property
+    def words(self) -> str:
+        """What is missing, in words; empty if the recording is whole."""
+        cut = ("cut off, or still being written",) if self.is_cut else ()
+        places = "one place" if self.damaged == 1 else f"{self.damaged} places"
+        damage = (f"damaged in {places}",) if self.damaged else ()
+        return " and ".join(cut + damage)
+
+
 @dataclass(frozen=True)
 class Recording:
     """A recording's metadata. Each call of `messages` reads the messages again."""
@@ -77,7 +103,7 @@ class Recording:
     """Every existing file of it, in order."""
 
     def messages(self, since: float = -math.inf) -> Iterator[Recorded]:
-        """Yield every message of every part, with attachments, up to where a part is truncated.
+        """Yield every message of every part, with attachments, as far as it can be read.
 
         Messages before `since` [s, system clock of the recorder] are skipped by whole chunks, so some of them
         may still come.
@@ -86,9 +112,10 @@ class Recording:
             with part.open("rb") as file:
                 yield from _messages(file, since)
 
-    def is_cut(self) -> bool:
-        """Return whether the end of a part is missing: its recorder was killed or is still running."""
-        return not all(map(is_whole, self.parts))
+    def condition(self) -> Condition:
+        """Return whether the end of a part is missing, and how much is damaged; this reads every part."""
+        parts = [condition_of(part) for part in self.parts]
+        return Condition(any(one.is_cut for one in parts), sum(one.damaged for one in parts))
 
     def extent(self) -> Extent:
         """Return its time span and message counts."""
@@ -127,10 +154,16 @@ def about_of(path: Path) -> Mapping[str, str]:
     raise UnreadableError(f"{path}: is no recording that `formation` made")
 
 
-def is_whole(path: Path) -> bool:
-    """Return whether a file was ended properly."""
+def has_end(path: Path) -> bool:
+    """Return whether a file was ended properly; it may be damaged before that."""
     with path.open("rb") as file:
         return footer(file) is not None
+
+
+def condition_of(path: Path, tell: Tell = lambda _: None) -> Condition:
+    """Return what of a file cannot be read. Raises OSError."""
+    with path.open("rb") as file:
+        return Condition(footer(file) is None, damaged(file, tell))
 
 
 def _parts(path: Path, about: Mapping[str, str]) -> tuple[Path, ...]:
@@ -154,7 +187,10 @@ def _number(about: Mapping[str, str]) -> int:
 
 
 def extent_of(path: Path) -> Extent:
-    """Return the extent of one file, from its index if it has one, else from its messages. Raises OSError."""
+    """Return the extent of one file, from its index if that is readable, else from its messages.
+
+    Raises OSError. The index counts messages in damaged stretches too.
+    """
     numbers: Counter[int] = Counter()
     times: list[int] = []
     with path.open("rb") as file:
@@ -178,7 +214,7 @@ def extent_of(path: Path) -> Extent:
 
 
 def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
-    keys = {} if since == -math.inf else _indexed(file)[0]
+    keys = _indexed(file)[0]  # the chunk that declares them may be damaged
     indexed = bool(keys)
     attachments: dict[str, bytes] = {}
     for record in records(file):

@@ -1,9 +1,9 @@
-"""Recover a truncated recording: copy what is readable to a new file with an index and an end."""
+"""Recover a truncated or damaged recording: copy what is readable to a new file with an index and an end."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,23 +13,24 @@ from mcap.records import Chunk as ChunkRecord
 
 from formation.monitor.recording.channels import Channels
 from formation.monitor.recording.part import Chunk, Part
-from formation.monitor.recording.reader import Extent, about_of, extent_of
-from formation.monitor.recording.scan import Contents, Record, contents, footer, records, understood
-
-Tell = Callable[[float], None]
-"""Progress callback: the share of the file read, from 0 to 1."""
+from formation.monitor.recording.reader import Condition, Extent, about_of, condition_of, extent_of
+from formation.monitor.recording.scan import Contents, Record, Tell, contents, declared, records, understood
 
 
 class Found(NamedTuple):
     """What is readable in a file, and what is not."""
 
-    is_whole: bool
-    """Whether it has its end and no damage."""
+    condition: Condition
+    """What of the file cannot be read."""
     extent: Extent
+    """Of what can be read."""
     unreadable: int
     """Incomplete data at its end [bytes]."""
-    damaged: int
-    """Number of stretches that cannot be read."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the file has its end and no damage."""
+        return not self.condition.words
 
 
 def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
@@ -39,50 +40,44 @@ def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
     `out`.
     """
     about = about_of(path)
-    whole = _examine(path, tell)
-    if whole is not None:
-        return whole
+    condition = condition_of(path, tell)
+    if not condition.words:
+        return Found(condition, extent_of(path), 0)
     channels = Channels()
     part = Part(out, {**about, "recovered_from": path.name}, channels)
     try:
-        damaged, end = _copy(path, part, channels, tell)
+        end = _copy(path, part, channels, tell)
         part.finish()
     except BaseException:
         part.discard()
         raise
-    return Found(False, extent_of(out), path.stat().st_size - end, damaged)
+    return Found(condition, extent_of(out), path.stat().st_size - end if condition.is_cut else 0)
 
 
-def _examine(path: Path, tell: Tell) -> Found | None:
-    """Return None unless the file is whole; only one with an end is read for that."""
+def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> int:
+    """Copy every readable chunk unchanged; return where the readable data ends."""
+    end, size = 0, max(path.stat().st_size, 1)
     with path.open("rb") as file:
-        if footer(file) is None:
-            return None
-        size = path.stat().st_size
+        indexed = list(declared(file))
         for record in records(file):
-            tell(record.end / size)
-            if record.opcode == Opcode.CHUNK and contents(record.body) is None:
-                return None
-            if record.opcode == Opcode.FOOTER:
-                return Found(True, extent_of(path), 0, 0)
-    return None
-
-
-def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> tuple[int, int]:
-    """Copy chunk by chunk, unchanged; return the number of failures, and where the readable data ends."""
-    damaged, end, size = 0, 0, max(path.stat().st_size, 1)
-    with path.open("rb") as file:
-        for record in records(file):
-            tell(record.end / size)
-            end = size if record.opcode == Opcode.FOOTER else record.end
-            if record.opcode != Opcode.CHUNK:
-                continue
-            found = contents(record.body)
-            if found is None:
-                damaged += 1
-            else:
+            end = record.end
+            tell(end / size)
+            if record.opcode == Opcode.CHUNK and (found := contents(record.body)) is not None:
+                _declare(part, channels, found, indexed)
                 _append(part, channels, record, found)
-    return damaged, end
+    return end
+
+
+def _declare(part: Part, channels: Channels, found: Contents, indexed: Sequence[Schema | Channel]) -> None:
+    """Declare the channels in `indexed` if a chunk that is not readable did so for this one."""
+    known = {one.id for one in (*channels.channels, *found.declared)}
+    if known.issuperset(message.channel for message in found.messages):
+        return
+    own = {one.id for one in found.declared}
+    for kind in indexed:
+        if isinstance(kind, Schema) or kind.id not in own:
+            channels.adopt(kind)
+    part.append(Chunk(channels=len(channels.channels)))
 
 
 def _append(part: Part, channels: Channels, record: Record, found: Contents) -> None:

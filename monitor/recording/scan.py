@@ -1,4 +1,4 @@
-"""Read an MCAP file up to where it is truncated or damaged. No content raises an exception.
+"""Read what is readable of a truncated or damaged MCAP file. No content raises an exception.
 
 `mcap`'s readers raise if the index is missing, and build an object for each message.
 """
@@ -8,8 +8,11 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from array import array
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO
+from types import MappingProxyType
 from typing import IO, NamedTuple, TypeVar
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -33,8 +36,15 @@ made to keep its reader busy packs zeros 10,000 times; with this bound the time 
 proportional to its size."""
 _HEAD = struct.Struct("<BQ")
 _TIMES = struct.Struct("<QQ")  # of the first and the last message of a chunk [ns]
+_CHUNK_PLACE = struct.Struct("<QQQ")  # of a chunk's index: first and last message [ns], its offset [bytes]
 _FOOTER = _HEAD.size + 20
+_SUMMARY_CRC_BYTES = 4
+_KINDS: Mapping[int, type[Schema | Channel]] = MappingProxyType(
+    {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+)
 R = TypeVar("R")
+Tell = Callable[[float], None]
+"""Progress callback: the share of the file read, from 0 to 1."""
 
 
 class Record(NamedTuple):
@@ -79,10 +89,39 @@ class Contents(NamedTuple):
 
 
 def records(file: IO[bytes]) -> Iterator[Record]:
-    """Yield every whole record from the start of `file`, up to the footer or an invalid record."""
+    """Yield every whole record from the start of `file`, up to the footer.
+
+    After an invalid record it goes on at the next chunk in the index, and ends if there is none. What cannot
+    be read is a gap between the end of a record and the offset of the next.
+    """
     file.seek(0)
-    if file.read(len(MAGIC)) == MAGIC:
-        yield from _records_from(file, len(MAGIC))
+    if file.read(len(MAGIC)) != MAGIC:
+        return
+    starts = _chunk_starts(file)
+    at = len(MAGIC)
+    while True:
+        for record in _records_from(file, at, starts):
+            yield record
+            if record.opcode == Opcode.FOOTER:
+                return
+            at = record.end
+        following = bisect_right(starts, at)
+        if following == len(starts):
+            return
+        at = starts[following]
+
+
+def damaged(file: IO[bytes], tell: Tell = lambda _: None) -> int:
+    """Return the number of stretches that cannot be read; what is missing at the end is none."""
+    count, end, size = 0, len(MAGIC), os.fstat(file.fileno()).st_size
+    for record in records(file):
+        tell(record.end / size)
+        unreadable = record.opcode == Opcode.CHUNK and contents(record.body) is None
+        count += (record.at != end) + unreadable
+        end = record.end
+        if record.opcode == Opcode.FOOTER:
+            return count + (not _is_summary_intact(file))
+    return count + (footer(file) is not None)
 
 
 def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
@@ -127,18 +166,54 @@ def footer(file: IO[bytes]) -> Footer | None:
 
 
 def summary(file: IO[bytes]) -> Iterator[Record]:
-    """Yield the records of the index at the end, if there is one."""
+    """Yield the records of the index at the end, if there is one and it is not damaged."""
     end = footer(file)
-    if end is not None and end.summary_start:
+    if end is not None and end.summary_start and _is_summary_intact(file):
         yield from _records_from(file, end.summary_start)
 
 
-def _records_from(file: IO[bytes], at: int) -> Iterator[Record]:
-    """Yield every whole record from `at` on, the footer included, up to an invalid record."""
-    end = os.fstat(file.fileno()).st_size
+def declared(file: IO[bytes]) -> Iterator[Schema | Channel]:
+    """Yield the schemas and channels in the index, schemas first."""
+    for record in summary(file):
+        kind = _KINDS.get(record.opcode)
+        found = None if kind is None else understood(kind.read, record.body)
+        if found is not None:
+            yield found
+
+
+def _is_summary_intact(file: IO[bytes]) -> bool:
+    """Return whether the index has its checksum, or none is stated."""
+    end = footer(file)
+    if end is None or not end.summary_start or not end.summary_crc:
+        return True
+    file.seek(end.summary_start)
+    data = file.read()[: -len(MAGIC) - _SUMMARY_CRC_BYTES]
+    return zlib.crc32(data) == end.summary_crc
+
+
+def _chunk_starts(file: IO[bytes]) -> Sequence[int]:
+    """Return the offsets of all chunks and of the index itself, in order; empty without a checksum."""
+    end = footer(file)
+    if end is None or not end.summary_crc or not end.summary_start:
+        return ()
+    heads = (
+        record.body[: _CHUNK_PLACE.size] for record in summary(file) if record.opcode == Opcode.CHUNK_INDEX
+    )
+    chunks = array("Q", (_CHUNK_PLACE.unpack(head)[2] for head in heads if len(head) == _CHUNK_PLACE.size))
+    return array("Q", sorted({*chunks, end.summary_start})) if _is_summary_intact(file) else ()
+
+
+def _records_from(file: IO[bytes], at: int, starts: Sequence[int] = ()) -> Iterator[Record]:
+    """Yield every whole record from `at` on, the footer included, up to an invalid record.
+
+    No record reaches over an offset in `starts`, which are sorted.
+    """
+    size = os.fstat(file.fileno()).st_size
     file.seek(at)
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
         opcode, length = _HEAD.unpack(head)
+        following = bisect_right(starts, at)
+        end = starts[following] if following < len(starts) else size
         if opcode == 0 or length > min(MAX_RECORD_BYTES, end - at - _HEAD.size):
             return
         body = file.read(length)

@@ -19,7 +19,7 @@ from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
 from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
-from formation.monitor.recording.reader import Recorded, Recording, Rerun
+from formation.monitor.recording.reader import Condition, Recorded, Recording, Rerun
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
 from formation.monitor.report.story import Doing, Doings, Story
 from formation.monitor.report.thin import (
@@ -58,6 +58,8 @@ class Run:
     """The data of a recording. Times are since `start`."""
 
     recording: Recording
+    condition: Condition
+    """What of the recording cannot be read."""
     messages: int
     begin: float
     """Arrival of the first message [s, the recorder's clock]; NaN without one."""
@@ -176,6 +178,7 @@ class _Gatherer:
         rejected = self._rerun.metrics.rejections.by_key
         return Run(
             recording=recording,
+            condition=recording.condition(),
             messages=self.messages,
             begin=self._begin,
             end=self._end,

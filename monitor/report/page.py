@@ -171,7 +171,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     parts = recording.parts
     yield ("file" if len(parts) == 1 else f"{len(parts)} parts"), ", ".join(part.name for part in parts)
     yield "size", words.size(sum(part.stat().st_size for part in parts))
-    yield "state", "cut; read as far as it goes" if recording.is_cut() else "whole"
+    yield "state", run.condition.words or "whole"
     yield "recorded", _when(run)
     yield "duration", words.lasting(run.duration)
     yield "messages", words.whole(run.messages)

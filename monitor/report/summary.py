@@ -75,7 +75,8 @@ def as_json(run: Run) -> dict[str, Any]:
         "mission": run.mission.name,
         "law": run.mission.law.kind,
         "converged": run.snapshot.converged,
-        "cut": run.recording.is_cut(),
+        "cut": run.condition.is_cut,
+        "damaged_stretches": run.condition.damaged,
         **{item.name: item.value for item in items(run)},
         "robots": {
             name: {
@@ -125,10 +126,10 @@ def _of_known(run: Run, bound: str) -> str:
 
 def notices(run: Run) -> Iterator[str]:
     """Yield the notices to read before the metrics."""
-    if run.recording.is_cut():
+    if run.condition.words:
         yield (
-            "This recording is cut: its recorder was killed or is still at work. It was read as far as it"
-            f" goes, {words.lasting(run.duration)}."
+            f"This recording is {run.condition.words}. What can be read of it spans"
+            f" {words.lasting(run.duration)}; what is missing counts nowhere in this report."
         )
     if not run.messages:
         return

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.disk import NOTHING, Forcer
 from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import is_whole, read
+from formation.monitor.recording.reader import has_end, read
 from formation.monitor.recording.recorder import Recorder, RecordingError
 from formation.monitor.recording.rotation import Room
 from tests.support.child import until
@@ -53,7 +53,7 @@ def test_recording_continues_in_new_part_after_full_disk() -> None:
             feed(recording, 20.0, 25.0)
             assert failure_of(recording) == "less than 0.4 MB are left on the disk"
             feed(recording, 25.0, 31.0)
-            assert is_whole(recording.paths[0])
+            assert has_end(recording.paths[0])
             assert recording.lost > 0
             filler.write_bytes(bytes(3_000_000))  # between the limits: recording does not resume
             feed(recording, 31.0, 52.0)
@@ -65,7 +65,7 @@ def test_recording_continues_in_new_part_after_full_disk() -> None:
             assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
         kept = walls(folder / "run.mcap")
         assert [path.name for path in recording.paths] == ["run.mcap", "run-2.mcap"]
-        assert all(map(is_whole, recording.paths))
+        assert all(map(has_end, recording.paths))
         assert kept[:95] == tenths(10.0, 19.5)
         assert kept[-110:] == tenths(64.0, 75.0)
         assert recording.lost == 2 * (650 - len(kept))  # each with its attachment

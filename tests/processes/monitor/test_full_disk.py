@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from formation.monitor.recording.reader import is_whole, read
+from formation.monitor.recording.reader import has_end, read
 from formation.ros2.messages import LogEntry, decode
 from formation.topics import EVENTS, ODOM
 from tests.processes.agent.actor import Actor, watching
@@ -36,7 +36,7 @@ def test_monitor_reports_full_disk_and_resumes_recording() -> None:
                 result = snapshot_until(child, lambda one: one["formation_error"] is not None)
                 assert result["formation_error"] < 0.01
                 assert result["recording_failure"] == "less than 32 MB are left on the disk"
-                assert is_whole(folder / "run.mcap")
+                assert has_end(folder / "run.mcap")
                 (folder / "filler").unlink()
                 snapshot_until(child, lambda one: one["recording_failure"] is None)
             finally:
@@ -49,7 +49,7 @@ def test_monitor_reports_full_disk_and_resumes_recording() -> None:
         assert [Path(one).name for one in summary["recording_parts"]] == ["run.mcap", "run-2.mcap"]
         assert summary["recording_failure"] is None
         recording = read(folder / "run.mcap")
-        assert not recording.is_cut()
+        assert not recording.condition().is_cut
         assert recording.extent().counts == summary["recorded"]
         assert summary["recording_lost"] > 0
         assert summary["recorded"][ODOM.key("robot2")] < summary["received"][ODOM.key("robot2")]

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.monitor.recording.reader import is_whole, read
+from formation.monitor.recording.reader import has_end, read
 from formation.monitor.recording.recover import recover
 from formation.wire import Now, Sample
 from tests.support.child import PATIENCE
@@ -157,7 +157,7 @@ def lost(path: Path) -> float:
     notes = Notes(notes_of(path))
     count = notes.given()
     out = path.with_name(f"{path.stem}-recovered.mcap")
-    assert not is_whole(path)
+    assert not has_end(path)
     assert not recover(path, out).is_whole
     kept = list(read(path).messages())
     assert list(read(out).messages()) == kept

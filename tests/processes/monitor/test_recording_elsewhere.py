@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from formation.monitor.recording.channels import SUFFIX
-from formation.monitor.recording.reader import extent_of, is_whole, read
+from formation.monitor.recording.reader import extent_of, has_end, read
 from formation.monitor.recording.recover import recover
 from tests.processes.agent.actor import events, watching
 from tests.support.launched import result_of
@@ -79,7 +79,7 @@ def check(parts: Iterable[Path]) -> Counter[str]:
     """Assert that three readers decode all of these files and agree; return message counts by topic."""
     found: Counter[str] = Counter()
     for path in parts:
-        assert is_whole(path)
+        assert has_end(path)
         by_index, by_ros, by_bags = indexed(path), decoded_as_ros(path), decoded_as_bag(path)
         assert by_index == by_ros == by_bags
         found += by_index

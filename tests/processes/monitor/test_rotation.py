@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from formation.monitor.recording.reader import UnreadableError, about_of, is_whole, read
+from formation.monitor.recording.reader import UnreadableError, about_of, has_end, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.rotation import Rotation, of_size, of_time, siblings
 from tests.support.child import until
@@ -64,7 +64,7 @@ def test_any_part_opens_the_complete_recording(parts: tuple[Path, ...], which: i
     assert (extent.start, extent.end) == pytest.approx(
         (EPOCH + samples[0].arrived, EPOCH + samples[-1].arrived)
     )
-    assert not recording.is_cut()
+    assert not recording.condition().is_cut
 
 
 def test_sequence_numbers_continue_in_next_part(parts: tuple[Path, ...]) -> None:
@@ -82,7 +82,7 @@ def test_truncated_or_missing_parts_leave_the_others_readable(parts: tuple[Path,
     parts[1].unlink()
     recording = read(parts[0])
     assert recording.parts == (parts[0], *parts[2:])
-    assert recording.is_cut()
+    assert recording.condition().is_cut
     assert recording.extent().counts.total() == len(list(recording.messages()))
 
 
@@ -90,7 +90,7 @@ def test_recovered_copy_of_part_is_not_another_part(parts: tuple[Path, ...]) -> 
     parts[-1].write_bytes(parts[-1].read_bytes()[:-200])
     out = parts[-1].with_name(f"{parts[-1].stem}-recovered.mcap")
     recover(parts[-1], out)
-    assert is_whole(out)
+    assert has_end(out)
     assert read(parts[0]).parts == parts
 
 

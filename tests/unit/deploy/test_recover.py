@@ -23,7 +23,7 @@ def test_recover_writes_file_and_reports_loss(cut: Path, capsys: Capsys) -> None
     result = output_of(capsys, ["recover", str(cut)])
     out = cut.with_name("run-recovered.mcap")
     assert out.exists()
-    assert f"{cut} was cut off, or is still being written. " in result
+    assert f"{cut} is cut off, or still being written. " in result
     assert f"are in {out}." in result
     assert "lost: what was received after that, within a second of the end" in result
     assert f"{out} is whole: " in output_of(capsys, ["recover", str(out)])

@@ -72,7 +72,7 @@ def test_cut_recording_is_reported_as_cut(
     data = recording.read_bytes()
     cut.write_bytes(data[: 2 * len(data) // 3])
     assert "is cut" in output_of(capsys, ["report", str(cut)])
-    assert "This recording is cut" in cut.with_suffix(".html").read_text(encoding="utf-8")
+    assert "This recording is cut off" in cut.with_suffix(".html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

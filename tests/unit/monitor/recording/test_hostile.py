@@ -62,7 +62,7 @@ def test_invalid_chunk_is_counted_as_damaged(tmp_path: Path, codec: str, data: b
     file = tmp_path / "bomb.mcap"
     file.write_bytes(top() + chunk(codec, data, size))
     assert list(read(file).messages()) == []
-    assert recover(file, tmp_path / "out.mcap").damaged == 1
+    assert recover(file, tmp_path / "out.mcap").condition.damaged == 1
 
 
 @pytest.mark.parametrize("codec", ["lz4", "zstd"])
@@ -75,7 +75,7 @@ def test_chunk_above_max_expansion_ratio_is_refused(tmp_path: Path, codec: str) 
     file.write_bytes(top() + chunk(codec, data, len(raw)))
     with file.open("rb") as opened:
         assert [contents(one.body) for one in records(opened) if one.opcode == Opcode.CHUNK] == [None]
-    assert recover(file, tmp_path / "out.mcap").damaged == 1
+    assert recover(file, tmp_path / "out.mcap").condition.damaged == 1
 
 
 @pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])
@@ -83,7 +83,7 @@ def test_footer_pointing_outside_the_file_counts_as_cut(tmp_path: Path, place: i
     file = tmp_path / "footer.mcap"
     file.write_bytes(top() + packed(Footer(place, place, 0)) + MAGIC)
     recording = read(file)
-    assert recording.is_cut()
+    assert recording.condition().is_cut
     assert list(recording.messages(since=1.0)) == []
     assert recording.extent().start is None
     assert not recover(file, tmp_path / "out.mcap").is_whole

@@ -31,7 +31,7 @@ from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
 from formation.monitor.recording.part import BLOCK_BYTES, CHUNK_HEAD_BYTES, Chunk, Entry, Index, Part
 from formation.monitor.recording.part import packed as packed_record
-from formation.monitor.recording.reader import is_whole
+from formation.monitor.recording.reader import has_end
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
@@ -333,7 +333,7 @@ def test_failed_write_leaves_file_unchanged_and_usable(tmp_path: Path) -> None:
         part.append(chunk)
         part.finish()
     whole.close()
-    assert is_whole(path)
+    assert has_end(path)
     assert [len(one.messages) for one in chunks_of(path)] == [100, 100]
 
 

@@ -13,14 +13,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 
 from formation.monitor.recording import scan
 from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, is_whole, read
+from formation.monitor.recording.reader import Condition, Recorded, Recording, UnreadableError, has_end, read
 from formation.monitor.recording.recover import recover
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, odometry
 from tests.unit.monitor.recording.test_recorder import record, summary_of
+
+Bare = tuple[str, bytes, bytes | None, int]
+"""Key, payload, attachment and time of a message [ns]."""
 
 
 def chunked(path: Path, seconds: float = 3.0) -> list[Sample]:
@@ -38,7 +42,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
-def bare(messages: Iterator[Recorded]) -> list[tuple[str, bytes, bytes | None, int]]:
+def bare(messages: Iterator[Recorded]) -> list[Bare]:
     return [(*one.sample[:3], round(one.wall * 1e9)) for one in messages]
 
 
@@ -56,13 +60,13 @@ def test_recover_completes_a_cut_recording(tmp_path: Path, whole: bytes) -> None
     cut, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
     cut.write_bytes(whole[: len(whole) * 6 // 10])
     kept = bare(read(cut).messages())
-    assert read(cut).is_cut()
+    assert read(cut).condition().is_cut
     found = recover(cut, out)
     assert not found.is_whole
     assert cut.read_bytes() == whole[: len(whole) * 6 // 10]
     assert 0 < found.extent.counts.total() == len(kept)
     assert found.unreadable > 0
-    assert not read(out).is_cut()
+    assert not read(out).condition().is_cut
     assert recover(out, tmp_path / "again.mcap").is_whole
     assert not (tmp_path / "again.mcap").exists()
     assert bare(read(out).messages()) == kept
@@ -105,7 +109,7 @@ def test_recording_truncated_at_any_byte_is_recovered(tmp_path: Path, whole: byt
         assert found.is_whole == (length == len(whole))
         if not found.is_whole:
             assert bare(read(out).messages()) == messages
-            assert is_whole(out)
+            assert has_end(out)
             out.unlink()
     assert counts == sorted(counts)
     assert (counts[0], counts[-1]) == (0, len(messages))
@@ -125,11 +129,19 @@ def test_random_damage_does_not_crash_read_or_recover(
     except UnreadableError:
         return
     kept = bare(recording.messages())
-    recording.is_cut()
+    recording.condition()
     recording.extent()
     found = recover(path, path.with_name("out.mcap"))
     if not found.is_whole:
         assert bare(read(path.with_name("out.mcap")).messages()) == kept
+
+
+def check_lost(everything: list[Bare], left: list[Bare], chunk: ChunkIndex) -> None:
+    gone = [one for one in everything if one not in left]
+    assert left == [one for one in everything if one not in gone]
+    assert 0 < len(gone) < len(everything) / 2
+    assert min(one[3] for one in gone) >= chunk.message_start_time
+    assert max(one[3] for one in gone) <= chunk.message_end_time
 
 
 def test_damaged_chunk_loses_only_its_own_messages(tmp_path: Path, whole: bytes) -> None:
@@ -141,13 +153,68 @@ def test_damaged_chunk_loses_only_its_own_messages(tmp_path: Path, whole: bytes)
     data[middle.chunk_start_offset + middle.chunk_length // 2] ^= 0xFF
     path.write_bytes(data)
     found = recover(path, tmp_path / "out.mcap")
-    assert (found.is_whole, found.damaged, found.unreadable) == (False, 1, 0)
+    assert (found.condition, found.unreadable) == (Condition(is_cut=False, damaged=1), 0)
     left = bare(read(tmp_path / "out.mcap").messages())
-    gone = [one for one in everything if one not in left]
-    assert left == [one for one in everything if one not in gone]
-    assert 0 < len(gone) < len(everything) / 2
-    assert min(one[3] for one in gone) >= middle.message_start_time
-    assert max(one[3] for one in gone) <= middle.message_end_time
+    check_lost(everything, left, middle)
+
+
+def damaged_at(whole: bytes, at: int, length: int = 40) -> bytes:
+    return whole[:at] + bytes(length) + whole[at + length :]
+
+
+def test_reading_goes_on_after_a_damaged_record_head(tmp_path: Path, whole: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(whole)
+    everything = bare(read(path).messages())
+    second = summary_of(path).chunk_indexes[1]
+    path.write_bytes(damaged_at(whole, second.chunk_start_offset))
+    recording = read(path)
+    assert recording.condition() == Condition(is_cut=False, damaged=1)
+    left = bare(recording.messages())
+    check_lost(everything, left, second)
+    found = recover(path, tmp_path / "out.mcap")
+    assert (found.condition, found.unreadable) == (recording.condition(), 0)
+    assert bare(read(tmp_path / "out.mcap").messages()) == left
+    assert read(tmp_path / "out.mcap").condition().words == ""
+
+
+def test_channels_declared_in_a_damaged_chunk_are_still_known(tmp_path: Path, whole: bytes) -> None:
+    path, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
+    path.write_bytes(whole)
+    everything = bare(read(path).messages())
+    first = summary_of(path).chunk_indexes[0]
+    path.write_bytes(damaged_at(whole, first.chunk_start_offset + first.chunk_length // 2))
+    left = bare(read(path).messages())
+    check_lost(everything, left, first)
+    recover(path, out)
+    assert bare(read(out).messages()) == left
+    with out.open("rb") as stream:
+        assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) >= len(left) > 0
+
+
+def test_record_that_claims_the_next_chunk_does_not_hide_it(tmp_path: Path, whole: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(whole)
+    everything = bare(read(path).messages())
+    _, second, third = summary_of(path).chunk_indexes[:3]
+    claimed = third.chunk_start_offset - second.chunk_start_offset - 9
+    data = bytearray(whole)
+    data[second.chunk_start_offset + 1 : second.chunk_start_offset + 9] = (claimed + 9).to_bytes(8, "little")
+    path.write_bytes(data)
+    assert read(path).condition().damaged == 1
+    check_lost(everything, bare(read(path).messages()), second)
+
+
+def test_damaged_index_is_reported_and_loses_no_message(tmp_path: Path, whole: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(whole)
+    everything = bare(read(path).messages())
+    data = bytearray(whole)
+    data[-120] ^= 0xFF
+    path.write_bytes(data)
+    assert read(path).condition() == Condition(is_cut=False, damaged=1)
+    assert bare(read(path).messages()) == everything
+    assert read(path).extent().counts.total() == len(everything)
 
 
 def test_recover_does_not_overwrite_a_file(tmp_path: Path, whole: bytes) -> None:

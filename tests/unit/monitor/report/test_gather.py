@@ -163,7 +163,7 @@ def test_cut_recording_is_read_up_to_the_cut(tmp_path: Path) -> None:
     whole = gathered(path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     run = gathered(path)
-    assert run.recording.is_cut()
+    assert run.recording.condition().is_cut
     assert 0 < run.messages < whole.messages
     assert run.error.whole.maximum == whole.error.whole.maximum
     assert any("cut" in notice for notice in summary.notices(run))
