@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -23,13 +23,15 @@ from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
 from formation.deploy.terminal.views import view_for
 from formation.mission.file import configuration_of
-from formation.mission.model import Mission
+from formation.mission.model import TAG_CHARS, Mission
 from formation.mission.rules import VISITORS
 from formation.monitor.core import Monitor
 from formation.monitor.metrics import snapshot as metrics
+from formation.monitor.metrics.event import ERROR, Event
 from formation.monitor.metrics.keys import usual_stage
 from formation.monitor.metrics.words import as_json as snapshot_as_json
 from formation.monitor.process import MAX_WAITING_MESSAGES, STEP_PERIOD
+from formation.protocol.addressed import tags_of
 from formation.transport import wiring
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
@@ -56,7 +58,8 @@ EXAMPLES = """\
   formation watch field                     robots with certificates, by the folder of their bundles
   formation watch six_robots --once && echo all run
 
-Ctrl-C ends it. Exit code 0; with --once 0 if every robot runs, else 1. 2: it could not be begun.
+Ctrl-C ends it. Exit code 0; with --once 0 if every robot runs, and this mission, else 1. 2: it could not be
+begun.
 """
 
 
@@ -81,6 +84,8 @@ class Watcher:
         self._linger = Linger()
         self._begin = clocks().mono
         self._shown = 0
+        self._tags = tags_of(mission)
+        self._strangers: frozenset[str] = frozenset()  # when last shown
 
     @property
     def elapsed(self) -> float:
@@ -99,9 +104,19 @@ class Watcher:
         self._linger.tend(now.mono)
         return self._monitor.snapshot or self._monitor.metrics.snapshot(now)
 
+    @property
+    def strangers(self) -> frozenset[str]:
+        """Robots and candidates that run another mission."""
+        missions = self._monitor.metrics.missions(clocks())
+        return frozenset(name for name, one in missions.items() if one[:TAG_CHARS] not in self._tags)
+
     def show(self, progress: Progress, snapshot: metrics.Snapshot) -> None:
         """Put the snapshot into `progress`."""
         progress.elapsed = self.elapsed
+        strangers, self._strangers = self._strangers, self.strangers
+        if self._strangers - strangers:
+            text = strangers_message(self.mission, self._strangers)
+            progress.events.append(Event(clocks().wall, ERROR, "", "another mission", text))
         if self.has_received:
             news = [one for one in self._monitor.events if one.number > self._shown]
             self._shown = news[-1].number if news else self._shown
@@ -127,6 +142,12 @@ def all_run(snapshot: metrics.Snapshot) -> bool:
         robot.state == "run" and robot.age is not None and robot.age <= MAX_POSITION_SILENCE
         for robot in snapshot.robots.values()
     )
+
+
+def strangers_message(mission: Mission, names: Iterable[str]) -> str:
+    """Return the message that these robots and candidates run another mission."""
+    robots = ", ".join(name for name in dict.fromkeys((*mission.candidates, *mission.names)) if name in names)
+    return f"{robots} run another mission than {mission.name}, or another version of it: name that one"
 
 
 def no_answer_message(mission: Mission, options: argparse.Namespace) -> str:
@@ -168,7 +189,7 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
                 watcher.show(progress, snapshot)
                 view.show(progress)
                 if options.json:
-                    print(as_json(_report(watcher.mission, snapshot)), flush=True)
+                    print(as_json(_report(watcher, snapshot)), flush=True)
             time.sleep(STEP_PERIOD)
     return 0
 
@@ -192,8 +213,10 @@ def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
             draw(progress, size.columns, max(size.lines, len(watcher.mission.names) + 8))
         )
     if options.json:
-        print(as_json(_report(watcher.mission, snapshot)), flush=True)
-    return 0 if all_run(snapshot) else 1
+        print(as_json(_report(watcher, snapshot)), flush=True)
+    if watcher.strangers:
+        print(f"formation: {strangers_message(watcher.mission, watcher.strangers)}", file=sys.stderr)
+    return 0 if all_run(snapshot) and not watcher.strangers else 1
 
 
 def _complete(snapshot: metrics.Snapshot) -> bool:
@@ -204,8 +227,14 @@ def _complete(snapshot: metrics.Snapshot) -> bool:
     )
 
 
-def _report(mission: Mission, snapshot: metrics.Snapshot) -> dict[str, Any]:
-    return {"mission": mission.name, "all_run": all_run(snapshot), **snapshot_as_json(snapshot)}
+def _report(watcher: Watcher, snapshot: metrics.Snapshot) -> dict[str, Any]:
+    strangers = watcher.strangers
+    return {
+        "mission": watcher.mission.name,
+        "all_run": all_run(snapshot) and not strangers,
+        "other_mission": sorted(strangers),
+        **snapshot_as_json(snapshot),
+    }
 
 
 def _options() -> argparse.ArgumentParser:

@@ -24,6 +24,7 @@ from formation.leader.reports import OperatorRequests, Seat, status
 from formation.leader.route import NamedRoute
 from formation.mission.model import Mission
 from formation.protocol import order
+from formation.protocol.addressed import Addressee
 from formation.protocol.election import begun, expiry, rank_of, without_absurd_terms
 from formation.protocol.order import (
     LEADER_TIMEOUT_SECONDS,
@@ -93,7 +94,7 @@ class Leader:
         self._forged: dict[str, tuple[int, str, float]] = {}  # by robot: how many, why, when [s, monotonic]
         self.candidacy = Candidacy(mission, self.name, known)
         self.operator_requests = OperatorRequests(
-            self.name, self.plan, lambda: self.seat, alone=not mission.standbys
+            self.name, self.plan, lambda: self.seat, Addressee(mission), alone=not mission.standbys
         )
         self._newest: Order | None = None  # relayed by a robot, or its own,
         self._newest_rose = float("-inf")  # when it rose [s, monotonic],

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from formation.leader.driving import token
 from formation.leader.plan import Plan
-from formation.protocol import order
+from formation.protocol import addressed, order
+from formation.protocol.addressed import Addressee
 from formation.protocol.election import REPORT_TIME, CandidacyState
 from formation.protocol.order import Mode, OperatorReply, OperatorRequest, mixed
 from formation.protocol.reasons import Code, Reason
@@ -46,13 +47,16 @@ class Seat(NamedTuple):
 class OperatorRequests:
     """Operator requests of one candidate."""
 
-    def __init__(self, name: str, plan: Plan, seat: Callable[[], Seat], *, alone: bool) -> None:
+    def __init__(
+        self, name: str, plan: Plan, seat: Callable[[], Seat], addressee: Addressee, *, alone: bool
+    ) -> None:
         """`alone`: it is the only candidate and will lead."""
         self.unpublished = False
         """Whether the last request is in no status yet."""
         self.notes: deque[str] = deque(maxlen=MAX_NOTES)
         """What has changed, for the log."""
         self._name, self._plan, self._seat, self._alone = name, plan, seat, alone
+        self._addressee = addressee
         self._once = Once()
         self._requests: list[tuple[AnsweredRequest, int]] = []  # recent ones, with their number of statuses
 
@@ -66,6 +70,14 @@ class OperatorRequests:
 
     def answer(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request, which takes effect with the next step; `received` [s, monotonic]."""
+        mismatch = self._addressee.mismatch(request)
+        if mismatch and not addressed.is_obeyed_in_any_mission(request):
+            return addressed.noted(self.reply(ok=False), mismatch)
+        answer = self._own_answer(request, received)
+        return addressed.noted(answer, mismatch) if mismatch else answer
+
+    def _own_answer(self, request: OperatorRequest, received: float) -> bytes:
+        """Return the reply to a request for this mission, or for any."""
         rest = self._plan.team_mode.rest
         if request.do == "query":
             return self.reply(ok=True, stop=rest.stop, hold=rest.hold)

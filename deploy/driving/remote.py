@@ -46,7 +46,8 @@ class Remote:
     def __init__(self, mission: Mission, name: str) -> None:
         """`name` is unique for this run of the driver."""
         self.state = State()
-        self._candidates, self._name, self._token = mission.candidates, name, 0
+        self._candidates, self._mission = mission.candidates, mission.tag
+        self._name, self._token = name, 0
 
     def request(self, forward: float, turn_rate: float, now: float) -> tuple[tuple[str, ...], bytes]:
         """Return keys and payload of the next request, at `now` [s, monotonic]: forward [m/s; rad/s]."""
@@ -54,7 +55,12 @@ class Remote:
         receivers = self._candidates if reply is None or late else (reply.robot,)
         payload = order.encode(
             OperatorRequest(
-                do="drive", forward=forward, turn_rate=turn_rate, token=self._token, id=self._name
+                do="drive",
+                forward=forward,
+                turn_rate=turn_rate,
+                token=self._token,
+                id=self._name,
+                mission=self._mission,
             )
         )
         return tuple(ORDER.key(name) for name in receivers), payload

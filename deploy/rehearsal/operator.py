@@ -38,7 +38,7 @@ class Operator:
     def order(self, do: Do, **what: Any) -> OperatorRequest:
         """Order all concerned to `do`; a release and a run first learn what they end."""
         self._number += 1
-        request = OperatorRequest(do=do, id=f"order-{self._number}", **what)
+        request = OperatorRequest(do=do, id=f"order-{self._number}", mission=self._fleet.mission.tag, **what)
         if do not in ENDING:
             self._put(request)
             return request

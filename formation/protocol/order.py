@@ -63,13 +63,25 @@ Do = Literal[
 ]
 MAX_ENDED = 200
 """Most stops and holds that one request may end."""
-Code = Literal["", "no-link", "no-listener", "readonly", "nothing", "unnamed", "another", "stopped", "first"]
+Code = Literal[
+    "",
+    "no-link",
+    "no-listener",
+    "readonly",
+    "nothing",
+    "unnamed",
+    "another",
+    "stopped",
+    "first",
+    "other-mission",
+]
 """Code of an answer, for programs; empty: only whether it obeys.
 
 ``no-link``, ``no-listener``, ``readonly``: a stop or a hold is latched, and cannot reach the robot;
 ``nothing``: there was nothing to release; ``unnamed``: a release or a run must name what it ends;
 ``another``: it names another stop or hold than the one in force; ``stopped``: refused while stopped;
-``first``: a driver's first request, which only fetches a token.
+``first``: a driver's first request, which only fetches a token; ``other-mission``: it runs another mission
+than the request's.
 """
 UNREACHED: frozenset[Code] = frozenset({"no-link", "no-listener", "readonly"})
 """Codes of an agent that cannot reach its robot."""
@@ -344,6 +356,9 @@ class OperatorRequest(_Json):
     unknown."""
     age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """Time since it was first sent [s]. A stop or a hold of age 0 is new, whatever its id."""
+    mission: Tag = ""
+    """Tag of the mission that the operator has named; empty: any. A robot of another one obeys only a stop
+    or a hold, see `formation.protocol.addressed`."""
 
     @property
     def spelled(self) -> dict[str, Any]:

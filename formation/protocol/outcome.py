@@ -76,14 +76,22 @@ class Outcome(NamedTuple):
         return [name for name in self.refused if self.answers[name].reply.code in UNREACHED]
 
     @property
+    def elsewhere(self) -> list[str]:
+        """Robots that run another mission than the one of the request."""
+        return [name for name in self._counting if self.answers[name].reply.code == "other-mission"]
+
+    @property
     def nothing(self) -> list[str]:
         """Robots that had nothing to release."""
         return [name for name in self._counting if self.answers[name].reply.code == "nothing"]
 
     @property
     def obeyed(self) -> bool:
-        """Whether all required robots obeyed."""
-        return not self.missing and not self.refused
+        """Whether all required robots obeyed, and run the mission of the request.
+
+        A robot of another mission may have obeyed a stop, but that mission's other robots were not asked.
+        """
+        return not self.missing and not self.refused and not self.elsewhere
 
     @property
     def unsettled(self) -> list[str]:
@@ -136,6 +144,9 @@ class Outcome(NamedTuple):
 
     def _advice(self) -> Iterator[str]:
         do, robots = self.request.do, [name for name in self.missing if name in self.recipients.each]
+        if self.elsewhere:
+            names = ", ".join(self.elsewhere)
+            yield f"another mission runs at {names}: name that one, to reach all its robots"
         if do == "stop" and not self.leader and self._counting:
             yield "robots that obey stand, with a leader or without"
         if do in UNDONE and self.unreached:

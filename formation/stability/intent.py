@@ -48,7 +48,9 @@ def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
     if do == "shape" and not what.get("shape"):
         raise ValueError(f"shape: must be one of {', '.join(mission.shapes)}")
     try:
-        request = OperatorRequest.model_validate({"do": do, **what, "id": secrets.token_hex(8)})
+        request = OperatorRequest.model_validate(
+            {"do": do, **what, "id": secrets.token_hex(8), "mission": mission.tag}
+        )
     except ValidationError as error:
         raise ValueError(f"{do}: {_plain(error)}") from None
     if why := refusal(mission, request):

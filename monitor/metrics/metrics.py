@@ -182,6 +182,12 @@ class Metrics:
         places = {name: tracked[name].trajectory.at(moment) for name in fresh}
         return moment, {name: place for name, place in places.items() if place is not None}
 
+    def missions(self, now: Now) -> dict[str, str]:
+        """Return the fingerprints of the missions that robots and candidates say they run."""
+        statuses = {name: robot.statuses for name, robot in self._robots.items()} | self._candidates
+        newest = {name: one.newest(now) for name, one in statuses.items()}
+        return {name: one.mission for name, one in newest.items() if one is not None and one.mission}
+
     def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
         """Take in a position and its attachment. Raises BadMessage."""
         if robot is not self._leader:

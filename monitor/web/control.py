@@ -222,6 +222,7 @@ class Operator:
                 turn_rate=clip(turn, 1.0) * most.turn_rate,
                 token=token,
                 id=driver,
+                mission=self._mission.tag,
             )
         except ValidationError:
             raise ValueError(

@@ -110,13 +110,18 @@ def test_watchers_show_formed_run_and_lose_no_message(tmp_path: Path) -> None:
         assert all(child["exit"] == 0 for child in result["processes"].values())
 
 
-def test_watch_once_exits_with_1_for_stopped_fleet(tmp_path: Path) -> None:
+def test_watch_once_exits_with_1_for_stopped_fleet_or_other_mission(tmp_path: Path) -> None:
     with running(tmp_path) as (_, flags):
         with command("order", "six_robots", "stop", *flags, folder=tmp_path) as order:
             assert order.wait(PATIENCE) == 0
         stopped = watched("--once", "--json", *flags, folder=tmp_path)
+        with command("watch", "convoy", "--once", "--json", *flags, folder=tmp_path) as process:
+            out, err = process.communicate(timeout=PATIENCE)
     assert stopped.returncode == 1
     assert not json.loads(stopped.stdout)["all_run"]
+    assert json.loads(stopped.stdout)["other_mission"] == []
+    assert (process.returncode, json.loads(out)["other_mission"]) == (1, ["robot2", "robot3", "robot4"])
+    assert "robot2, robot3, robot4 run another mission than convoy" in err
 
 
 @pytest.mark.parametrize("flags", [[], ["--json"]])

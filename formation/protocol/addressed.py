@@ -1,0 +1,44 @@
+"""Whether an operator's request is for the mission that a process runs.
+
+Robots of two missions may have the same names. What moves or releases robots is checked against the mission
+that the operator has named, so only robots that run it obey. A stop and a hold are obeyed in any mission.
+"""
+
+from __future__ import annotations
+
+from formation.control.laws import LAWS
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol.stops import RESTS
+
+
+def tags_of(mission: Mission) -> frozenset[str]:
+    """Return the tags by which a mission is known: by its file's law, or by the one that a run was given."""
+    return frozenset(mission.under(kind).tag for kind in LAWS)
+
+
+class Addressee:
+    """A process of one mission, as an operator's requests address it."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._name, self._tag, self._tags = mission.name, mission.tag, tags_of(mission)
+
+    def mismatch(self, request: OperatorRequest) -> str:
+        """Return in words that `request` is for another mission; empty if it is not, or states none."""
+        if not request.mission or request.mission in self._tags or request.do == "query":
+            return ""
+        return f"runs mission {self._name} ({self._tag}), not the one of this order ({request.mission})"
+
+
+def is_obeyed_in_any_mission(request: OperatorRequest) -> bool:
+    """Whether robots of another mission than the operator's obey."""
+    return request.do in RESTS
+
+
+def noted(answer: bytes, mismatch: str) -> bytes:
+    """Return an encoded answer with the note that it comes from a process of another mission."""
+    reply = order.decode(OperatorReply, answer)
+    reason = order.shortened("; ".join(filter(None, (mismatch, reply.reason))))
+    code = reply.code or "other-mission"
+    return order.encode(reply.model_copy(update={"reason": reason, "code": code}))

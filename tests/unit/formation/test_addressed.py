@@ -1,0 +1,95 @@
+"""Requests that name the mission: agents and leaders of another one obey only a stop and a hold."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.control.laws import LAWS
+from formation.leader.core import Leader
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.addressed import tags_of
+from formation.protocol.order import Do, OperatorReply, OperatorRequest
+from formation.protocol.outcome import Answer, Outcome, Recipients
+from formation.stability import intent
+from tests.unit.leader.leading import leading
+
+PATROL, CONVOY = load("patrol"), load("convoy")
+VALUES: dict[str, dict[str, Any]] = {
+    "shape": {"shape": PATROL.first_shape},
+    "rotate": {"degrees": 10.0},
+    "scale": {"factor": 1.1},
+    "speed": {"speed": 0.01, "degrees": 0.0},
+    "route": {"legs": [{"speed": 0.05, "heading_deg": 0.0, "duration": 1.0}]},
+    "drive": {"forward": 0.1, "turn_rate": 0.0, "token": 0},
+    "tune": {"k_p": 2.0},
+}
+every_do = pytest.mark.parametrize("do", get_args(Do))
+
+
+def request(do: str, mission: Mission | None, number: int = 1) -> bytes:
+    tag = mission.tag if mission else ""
+    what = {"do": do, "id": f"{do}-{number}", "mission": tag, **VALUES.get(do, {})}
+    return order.encode(OperatorRequest.model_validate(what))
+
+
+def reply(process: Agent | Leader, data: bytes) -> OperatorReply:
+    return order.decode(OperatorReply, process.request(data, 1.0))
+
+
+@pytest.fixture(params=["agent", "leader"])
+def process(request: pytest.FixtureRequest) -> Agent | Leader:
+    return Agent(PATROL, "robot1") if request.param == "agent" else leading(PATROL)
+
+
+@every_do
+def test_only_stop_and_hold_of_another_mission_are_obeyed(process: Agent | Leader, do: str) -> None:
+    answer = reply(process, request(do, CONVOY))
+    if do == "query":
+        assert (answer.ok, answer.code) == (True, "")
+        return
+    assert (answer.ok, answer.code) == (do in {"stop", "hold"}, "other-mission")
+    assert answer.reason == (f"runs mission patrol ({PATROL.tag}), not the one of this order ({CONVOY.tag})")
+    assert answer.mode == (do if do in {"stop", "hold"} else answer.mode)
+
+
+def test_other_missions_release_and_run_leave_the_stop_in_force(process: Agent | Leader) -> None:
+    stopped = reply(process, request("stop", PATROL))
+    assert (stopped.mode, stopped.code) == ("stop", "")
+    for do in ("release", "run"):
+        ends = OperatorRequest.model_validate(
+            {"do": do, "id": do, "mission": CONVOY.tag, "ends": ("stop-1",)}
+        )
+        assert reply(process, order.encode(ends)).mode == "stop"
+    ends = OperatorRequest(do="release", id="own", mission=PATROL.tag, ends=("stop-1",))
+    assert reply(process, order.encode(ends)).mode == "hold"
+
+
+@every_do
+@pytest.mark.parametrize("kind", LAWS)
+def test_mission_is_the_same_under_each_law(process: Agent | Leader, kind: str, do: str) -> None:
+    own, stated = (reply(process, request(do, one, 2)) for one in (None, PATROL.under(kind)))
+    assert "other-mission" not in {own.code, stated.code}
+    assert PATROL.under(kind).tag in tags_of(PATROL)
+    assert CONVOY.tag not in tags_of(PATROL)
+
+
+def test_order_states_the_mission_that_it_was_checked_against() -> None:
+    assert intent.request_for(CONVOY, "rotate", degrees=40.0).mission == CONVOY.tag
+
+
+def test_outcome_names_robots_of_another_mission_and_is_not_obeyed() -> None:
+    asked = OperatorRequest(do="stop", mission=CONVOY.tag)
+    answers = {
+        name: Answer(reply(process, order.encode(asked)), 1.0)
+        for name, process in (("leader", leading(PATROL)), ("robot1", Agent(PATROL, "robot1")))
+    }
+    outcome = Outcome(asked, Recipients(("leader",), ("robot1",)), answers, 0.0, 3.0)
+    assert not outcome.obeyed
+    assert outcome.elsewhere == ["leader", "robot1"]
+    assert "another mission runs at leader, robot1: name that one" in outcome.summary()
+    assert [one["code"] for one in outcome.report()["acknowledged"]] == ["other-mission"] * 2
