@@ -79,11 +79,11 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
 
 def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[[], None]]:
     """Return the robots, and a function to call when they have ended. Raises ValueError."""
-    reason = unfit(args)
+    reason = unfit(args, mission)
     if reason is not None:
         raise ValueError(reason)
     if args.world == "kinematic":
-        plants = faults.with_faults(kinematic, [faults.read(text) for text in args.fault])
+        plants = faults.with_faults(kinematic, [faults.parse(text, mission) for text in args.fault])
         return World(mission, args.robot, args.seed, plants), lambda: None
     if args.robot:
         raise ValueError("--robot: a physics world has all robots of its mission; leave out --robot")

@@ -28,30 +28,31 @@ import numpy as np
 from formation.agent.simulated.plant import Disturbed, Moving, Plant
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
+from formation.mission.robot import RobotSpec
 
-SIZES: Mapping[str, float] = {
-    "frozen": 0.0,
+SIZES: Mapping[str, float | None] = {
+    "frozen": None,
     "tremble": 1e-3,
     "stutter": 0.35,
     "stale": 1.0,
     "restamped": 1.0,
     "backlog": 1.0,
     "speeds": 0.0,
-    "blocked": 0.0,
+    "blocked": None,
     "carried": 0.2,
-    "relative_frozen": 0.0,
-    "scan_frozen": 0.0,
+    "relative_frozen": None,
+    "scan_frozen": None,
     "relative_late": 1.0,
     "scan_late": 1.0,
 }
-"""Kinds of faults, and their default sizes."""
+"""Kinds of faults, and their default sizes; None for one without a size."""
 STANDS = frozenset(("frozen", "tremble", "stutter"))
 STUCK: Mapping[str, str] = {"relative_frozen": "relative", "scan_frozen": "scan"}
 """Sensors of a robot's surroundings that a fault of this kind makes repeat what they measured."""
 LATE: Mapping[str, str] = {"relative_late": "relative", "scan_late": "scan"}
 """Sensors of a robot's surroundings that a fault of this kind delays."""
 _TEXT = re.compile(
-    r"(?P<robot>[\w-]+):(?P<kind>[a-z_]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
+    r"(?P<robot>[\w-]+):(?P<kind>[a-z_]+)(=(?P<size>[^@]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
 )
 FORM = "ROBOT:KIND[=SIZE]@START[+SECONDS]"
 
@@ -68,10 +69,12 @@ class Fault(NamedTuple):
     """[s]"""
 
 
-def read(text: str, sizes: Mapping[str, float] = SIZES, *, form: str = FORM) -> Fault:
-    """Parse a fault in the format `form`; `sizes` has the kinds and their default sizes.
+def parse(
+    text: str, mission: Mission, sizes: Mapping[str, float | None] = SIZES, *, form: str = FORM
+) -> Fault:
+    """Parse a fault of a robot of `mission` in the format `form`; `sizes` as `SIZES`.
 
-    Raises ValueError.
+    Raises ValueError, which names the legal values. The caller checks whether there is such a robot.
     """
     found = _TEXT.fullmatch(text)
     if found is None:
@@ -79,14 +82,30 @@ def read(text: str, sizes: Mapping[str, float] = SIZES, *, form: str = FORM) -> 
     kind = found["kind"]
     if kind not in sizes:
         raise ValueError(f"{text!r}: {kind}: must be one of {', '.join(sizes)}")
+    usual = sizes[kind]
+    if usual is None and found["size"] is not None:
+        raise ValueError(f"{text!r}: {kind} takes no SIZE")
     try:
-        size = sizes[kind] if found["size"] is None else float(found["size"])
+        size = float(found["size"] or usual or 0.0)
         since, lasts = float(found["since"]), float(found["lasts"] or "inf")
     except ValueError:
         raise ValueError(f"{text!r}: SIZE, START and SECONDS must be numbers") from None
     if not math.isfinite(size):
         raise ValueError(f"{text!r}: SIZE must be finite")
-    return Fault(found["robot"], kind, size, since, lasts)
+    robot = found["robot"]
+    if robot in mission.followers and not concerns(kind, mission.robots[robot]):
+        able = [name for name in mission.followers if concerns(kind, mission.robots[name])]
+        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission has one"
+        raise ValueError(f"{text!r}: {robot} has no sensor for {kind}; {legal}")
+    return Fault(robot, kind, size, since, lasts)
+
+
+def concerns(kind: str, spec: RobotSpec) -> bool:
+    """Whether a robot has the sensor that a fault of this kind is of."""
+    sensor = {**STUCK, **LATE}.get(kind)
+    if sensor == "relative":
+        return spec.measurement == "local"
+    return sensor != "scan" or spec.scanner != "none"
 
 
 class Faulty:

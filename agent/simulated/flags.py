@@ -8,6 +8,7 @@ from ctypes.util import find_library
 from pathlib import Path
 
 from formation.agent.simulated import faults
+from formation.mission.model import Mission
 
 NEEDED = ("mujoco", "PIL")
 """Packages of the physics world."""
@@ -37,9 +38,9 @@ def add_world_flags(to: argparse.ArgumentParser) -> None:
     )
 
 
-def unfit(args: argparse.Namespace) -> str | None:
-    """Which of these flags are invalid, and why; None if none."""
-    if wrong := _unfit_faults(args):
+def unfit(args: argparse.Namespace, mission: Mission) -> str | None:
+    """Which of these flags are invalid for `mission`, and why; None if none."""
+    if wrong := _unfit_faults(args, mission):
         return wrong
     if args.picture is None:
         return None
@@ -56,15 +57,17 @@ def unfit(args: argparse.Namespace) -> str | None:
     return None
 
 
-def _unfit_faults(args: argparse.Namespace) -> str | None:
+def _unfit_faults(args: argparse.Namespace, mission: Mission) -> str | None:
     """Which of the faults are invalid, and why."""
     if args.fault and args.world != "kinematic":
         return "--fault: needs --world kinematic"
     for text in args.fault:
         try:
-            faults.read(text)
+            robot = faults.parse(text, mission).robot
         except ValueError as wrong:
             return f"--fault {wrong}"
+        if robot not in mission.followers:
+            return f"--fault {text!r}: {robot}: must be one of {', '.join(mission.followers)}"
     return None
 
 

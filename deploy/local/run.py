@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run a mission; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
-    wrong = unfit(options)
+    wrong = unfit(options, mission)
     if wrong is not None:
         raise Refusal(wrong)
     physics = NEEDED if options.world == "mujoco" else ()

@@ -11,8 +11,8 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from formation.agent.simulated.faults import LATE, STUCK, Fault, read
-from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
+from formation.agent.simulated import faults as sensed
+from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.bridges import repeat, restart
 from formation.deploy.rehearsal.fleet import Fleet
@@ -114,29 +114,29 @@ FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 def parse(text: str, mission: Mission) -> Fault:
     """Parse a fault for `mission`. Raises ValueError, which names the legal values."""
-    fault = read(text, KINDS_AND_SIZES, form=FORM)
+    fault = sensed.parse(text, mission, KINDS_AND_SIZES, form=FORM)
     names = mission.followers if KINDS[fault.kind].robots_only else (*mission.names, *mission.standbys)
     if fault.robot not in names:
         raise ValueError(f"{text!r}: {fault.robot}: must be one of {', '.join(names)}")
-    if KINDS[fault.kind].robots_only and not _concerns(fault.kind, mission.robots[fault.robot]):
+    if fault.kind == "restart" and not _concerns(fault.kind, mission.robots[fault.robot]):
         able = [name for name in mission.followers if _concerns(fault.kind, mission.robots[name])]
-        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission has one"
-        raise ValueError(f"{text!r}: {fault.robot} has no sensor for {fault.kind}; {legal}")
+        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission does"
+        raise ValueError(f"{text!r}: the odometry of {fault.robot} does not count from its start; {legal}")
     return fault
 
 
-KINDS_AND_SIZES: Mapping[str, float] = {
-    **{name: (kind.lowest + kind.highest) / 2.0 for name, kind in KINDS.items()},
-    **SENSOR_KINDS,
+KINDS_AND_SIZES: Mapping[str, float | None] = {
+    **{name: (kind.lowest + kind.highest) / 2.0 if kind.highest else None for name, kind in KINDS.items()},
+    **sensed.SIZES,
     "clock": 10.0,
     "drift": 0.01,
 }
-"""Kinds of faults and their default sizes."""
+"""Kinds of faults and their default sizes; None for one without a size."""
 
 
 def spelled(fault: Fault) -> str:
     """`fault` as it is typed."""
-    size = f"={fault.size:g}" if fault.size != KINDS_AND_SIZES[fault.kind] else ""
+    size = f"={fault.size:g}" if fault.size != (KINDS_AND_SIZES[fault.kind] or 0.0) else ""
     lasts = f"+{fault.lasts:g}" if fault.lasts < math.inf else ""
     return f"{fault.robot}:{fault.kind}{size}@{fault.since:g}{lasts}"
 
@@ -150,10 +150,7 @@ def _concerns(kind: str, spec: RobotSpec) -> bool:
     """Whether a robot has the sensor that a fault of this kind is of."""
     if kind == "restart":
         return spec.odometry_frame == "start" and spec.localisation == "odometry"
-    sensor = {**STUCK, **LATE}.get(kind)
-    if sensor == "relative":
-        return spec.measurement == "local"
-    return sensor != "scan" or spec.scanner != "none"
+    return sensed.concerns(kind, spec)
 
 
 def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:

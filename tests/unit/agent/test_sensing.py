@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from formation.agent.following.relative_check import OwnMotion, RelativeCheck
-from formation.agent.simulated.faults import Fault, read
+from formation.agent.simulated.faults import Fault, parse
 from formation.control.observer import Travel
 from formation.control.plane import rotation
+from formation.mission.file import load
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry
@@ -24,6 +25,7 @@ from tests.support.meddling import altered
 from tests.support.missions import with_robots
 from tests.support.sensing import SOURCES, faulty, late, mission_of, noisy, resting, watch
 
+SIX = load("six_robots")
 BEGIN = 8.0
 """Time at which a fault begins [s]."""
 BOUND = 0.1
@@ -126,11 +128,11 @@ def test_noise_and_delay_cause_no_hold(source: str, *, rests: bool) -> None:
 )
 def test_invalid_fault_text_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be"):
-        read(text)
+        parse(text, SIX)
 
 
 def test_fault_is_read_from_text() -> None:
-    assert read("robot2:tremble=1e-3@20+10") == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)
+    assert parse("robot2:tremble=1e-3@20+10", SIX) == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)
 
 
 @pytest.mark.parametrize("late", [*slow(0.4, 0.6), 1.0])

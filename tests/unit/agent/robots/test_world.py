@@ -26,6 +26,8 @@ from tests.support.fleet import EPOCH, at
 from tests.support.missions import with_robots
 from tests.support.mutations import mutated
 
+SIX = load("six_robots")
+
 
 def twist(robot: str, arrived: float, speed: float, turn_rate: float = 0.0) -> Sample:
     return Sample(f"{robot}/cmd_vel", encode(Twist(speed, turn_rate)), None, arrived)
@@ -57,7 +59,7 @@ def odometry(outbox: Iterable[Outgoing]) -> list[Odometry]:
 def faulty(kind: str, size: float, lasts: float = 1e9) -> World:
     """A world in which odometry of robot2 has this fault from 1 s on."""
     plants = with_faults(kinematic, [Fault("robot2", kind, size, since=1.0, lasts=lasts)])
-    return World(load("six_robots"), ["robot2"], plants=plants)
+    return World(SIX, ["robot2"], plants=plants)
 
 
 @pytest.fixture
@@ -66,7 +68,7 @@ def local() -> Mission:
 
 
 def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
-    world = World(load("six_robots"))
+    world = World(SIX)
     keys = [out.key for out in run(world, 9.999, step=0.001)]
     assert set(keys) == {key for _, key in world.publications}
     assert {keys.count(key) for key in set(keys)} == {200}
@@ -95,13 +97,13 @@ def test_stale_odometry_is_overtaken_but_not_lost() -> None:
 
 
 def test_robots_publish_at_different_times() -> None:
-    world = World(load("six_robots"))
+    world = World(SIX)
     result = [{out.key.split("/")[0] for out in world.step(at(i * 0.01), [])} for i in range(10)]
     assert [len(robots) for robots in result] == [1] * 10
 
 
 def test_robots_start_at_rest_at_their_start_poses() -> None:
-    mission = load("six_robots")
+    mission = SIX
     outbox = run(World(mission), 1.0)
     for name in mission.followers:
         odometry = last(outbox, f"{name}/odom", Odometry)
@@ -111,7 +113,7 @@ def test_robots_start_at_rest_at_their_start_poses() -> None:
 
 
 def test_command_takes_effect_on_arrival_for_any_step() -> None:
-    mission, ends = load("six_robots"), []
+    mission, ends = SIX, []
     commands = [twist("robot2", 0.513, 0.4), twist("robot2", 1.377, 0.2, 1.0), twist("robot2", 2.001, 0.0)]
     for step in (0.001, 0.05, 0.4):
         world = World(mission)
@@ -127,14 +129,14 @@ def test_command_takes_effect_on_arrival_for_any_step() -> None:
 
 
 def test_last_command_stays_in_force_without_messages() -> None:
-    world = World(load("six_robots"), ["robot2"])
+    world = World(SIX, ["robot2"])
     run(world, 0.0, inbox=[twist("robot2", 0.0, 0.1)])
     world.step(at(3600.0), [])
     assert abs(world.plant("robot2").position - (-1.5 + 2.0j)) == pytest.approx(360.0)
 
 
 def test_odometry_and_ground_truth_match_their_stamp() -> None:
-    world = World(load("six_robots"), ["robot2"])
+    world = World(SIX, ["robot2"])
     run(world, 1.0, inbox=[twist("robot2", 0.0, 0.1)])
     outbox = world.step(at(1.237), [])
     odometry, truth = last(outbox, "robot2/odom", Odometry), last(outbox, "robot2/ground_truth", Pose)
@@ -155,7 +157,7 @@ def test_odometry_and_ground_truth_match_their_stamp() -> None:
     ],
 )
 def test_invalid_command_is_dropped_and_counted(payload: bytes) -> None:
-    world = World(load("six_robots"))
+    world = World(SIX)
     run(world, 1.0, inbox=[twist("robot2", 0.5, 0.1), Sample("robot2/cmd_vel", payload, None, 0.6)])
     assert world.plant("robot2").command == (0.1, 0.0)
     assert world.dropped == {"robot2/cmd_vel": 1}
@@ -237,7 +239,7 @@ def test_sensor_extrapolates_position_of_virtual_leader(local: Mission) -> None:
 def test_silent_leader_is_not_measured(local: Mission) -> None:
     world = World(local, ["robot2"])
     assert "robot1/position" in world.subscriptions
-    assert "robot1/position" not in World(load("six_robots")).subscriptions
+    assert "robot1/position" not in World(SIX).subscriptions
     assert not [out for out in run(world, 1.0) if "relative" in out.key]
     world.step(at(1.0), [leader_at(1.0, 0j)])
     assert [out for out in world.step(at(1.1), []) if "relative" in out.key]
@@ -260,7 +262,7 @@ def test_measured_robot_must_be_in_same_process(local: Mission) -> None:
 def test_only_followers_can_be_simulated() -> None:
     for name in ("robot1", "robot9"):
         with pytest.raises(ValueError, match=f"'{name}': must be a follower of six-robots: robot2, robot3"):
-            World(load("six_robots"), [name])
+            World(SIX, [name])
 
 
 def test_stuttering_odometry_comes_in_bursts() -> None:
@@ -277,7 +279,27 @@ def read(*words: str) -> argparse.Namespace:
 
 def test_world_flags_are_empty_by_default() -> None:
     assert world_flags(read()) == ()
-    assert unfit(read()) is None
+    assert unfit(read(), SIX) is None
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("robot3:stale=2@1+2", None),
+        ("robot9:stale@1", "'robot9:stale@1': robot9: must be one of robot2, robot3, robot4, robot5, robot6"),
+        ("robot1:stale@1", "'robot1:stale@1': robot1: must be one of robot2, robot3, robot4, robot5, robot6"),
+        (
+            "robot3:relative_frozen@1",
+            "'robot3:relative_frozen@1': robot3 has no sensor for relative_frozen;"
+            " no robot of the mission has one",
+        ),
+        ("robot3:blocked=3@1", "'robot3:blocked=3@1': blocked takes no SIZE"),
+        ("robot3:stale=nan@1", "'robot3:stale=nan@1': SIZE must be finite"),
+        ("robot3:stale=x@1", "'robot3:stale=x@1': SIZE, START and SECONDS must be numbers"),
+    ],
+)
+def test_faults_are_checked_against_the_mission(fault: str, says: str | None) -> None:
+    assert unfit(read("--fault", fault), SIX) == (None if says is None else f"--fault {says}")
 
 
 def test_world_flags_are_passed_on_unchanged(tmp_path: Path) -> None:
@@ -286,9 +308,9 @@ def test_world_flags_are_passed_on_unchanged(tmp_path: Path) -> None:
 
 
 def test_picture_needs_physics_world_and_existing_folder(tmp_path: Path) -> None:
-    assert unfit(read("--picture", "end.png")) == "--picture: needs --world mujoco"
+    assert unfit(read("--picture", "end.png"), SIX) == "--picture: needs --world mujoco"
     nowhere = str(tmp_path / "none" / "end.png")
-    assert "there is no folder" in str(unfit(read("--world", "mujoco", "--picture", nowhere)))
+    assert "there is no folder" in str(unfit(read("--world", "mujoco", "--picture", nowhere), SIX))
 
 
 @pytest.mark.parametrize(
@@ -316,14 +338,14 @@ def test_picture_replaces_only_an_older_picture(
     (tmp_path / "folder.png").mkdir()
     os.mkfifo(tmp_path / "pipe.png")
     picture = str(tmp_path / name)
-    wrong = unfit(read("--world", "mujoco", "--picture", picture))
+    wrong = unfit(read("--world", "mujoco", "--picture", picture), SIX)
     assert wrong == (None if says is None else f"--picture {picture}: {says}")
 
 
 def test_picture_without_egl_names_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("formation.agent.simulated.flags.find_library", lambda _: None)
-    assert "apt install libegl1" in str(unfit(read("--world", "mujoco", "--picture", "end.png")))
+    assert "apt install libegl1" in str(unfit(read("--world", "mujoco", "--picture", "end.png"), SIX))
 
 
 def test_missing_physics_extra_is_reported_in_one_line(
