@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
@@ -28,3 +29,25 @@ def operator_bus(options: argparse.Namespace, mission: Mission, names: Iterable[
     links = Links((), tuple(where[name] for name in names))
     with refusing(BusError), Bus(bus_config(options, mission, links, OPERATOR)) as bus:
         yield bus
+
+
+def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: str) -> str:
+    """Return the message, and remedies, if no process answers; `visitor` is whose configuration is needed."""
+    ends = options.connect or list(wiring.endpoints(mission).agents.values())
+    where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
+    tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]
+    if not options.connect:
+        tries.append(
+            "a run prints its -e flags if the usual ports were taken; a field has those of its robots"
+        )
+    else:
+        tries.append("are these the endpoints of agents and leader, and does a firewall let this machine in?")
+    if options.config is None:
+        tries.append(f"robots under certificates answer only the {visitor}: -c FILE names its configuration")
+    else:
+        tries.append(
+            f"is {options.config} the {visitor}'s, of this fleet, and not expired? formation doctor says"
+        )
+    if mission.team:
+        tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
+    return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, add_links, number, parser, read_mission, tell
-from formation.deploy.links import operator_bus
+from formation.deploy.links import no_answer_message, operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.deploy.terminal.bar import waiting
 from formation.mission.file import (
@@ -144,7 +144,9 @@ def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest
 def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> None:
     lines = [outcome.words()]
     ends = options.connect or wiring.endpoints(mission).agents.values()
-    if outcome.missing and options.config is None and wiring.under_certificates(ends):
+    if not outcome.answers:
+        lines.append(no_answer_message(mission, options, OPERATOR))
+    elif outcome.missing and options.config is None and wiring.under_certificates(ends):
         lines.append("robots with certificates answer only an operator's: name its configuration, -c FILE")
     if outcome.missing and (name := _not_the_operators(options.config)):
         lines.append(f"only the operator may give orders; {options.config} has the certificate of {name!r}")

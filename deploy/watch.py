@@ -7,7 +7,6 @@ run beside the monitor that records.
 from __future__ import annotations
 
 import argparse
-import shlex
 import shutil
 import sys
 import time
@@ -18,6 +17,7 @@ from typing import Any
 from rich.console import Console
 
 from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission
+from formation.deploy.links import no_answer_message
 from formation.deploy.refusal import refusing
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
@@ -150,30 +150,6 @@ def strangers_message(mission: Mission, names: Iterable[str]) -> str:
     return f"{robots} run another mission than {mission.name}, or another version of it: name that one"
 
 
-def no_answer_message(mission: Mission, options: argparse.Namespace) -> str:
-    """Return the message, and remedies, if no process answers."""
-    ends = options.connect or list(wiring.endpoints(mission).agents.values())
-    where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
-    tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]
-    if not options.connect:
-        tries.append(
-            "a run prints its -e flags if the usual ports were taken; a field has those of its robots"
-        )
-    else:
-        tries.append("are these the endpoints of agents and leader, and does a firewall let this machine in?")
-    if options.config is None:
-        tries.append(
-            "robots under certificates show themselves to a monitor's: -c FILE names its configuration"
-        )
-    else:
-        tries.append(
-            f"is {options.config} the monitor's, of this fleet, and not expired? formation doctor says"
-        )
-    if mission.team:
-        tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
-    return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])
-
-
 def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     """Watch until told to stop."""
     progress = Progress(watcher.mission, phase="running", note="looking for the robots …")
@@ -184,7 +160,7 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
         while not stop:
             snapshot = watcher.look()
             if not watcher.has_received and watcher.elapsed > SILENCE_NOTICE_DELAY:
-                progress.note = no_answer_message(watcher.mission, options)
+                progress.note = no_answer_message(watcher.mission, options, MONITOR)
             if refresh.tick(clocks().mono):
                 watcher.show(progress, snapshot)
                 view.show(progress)
@@ -206,7 +182,9 @@ def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     watcher.show(progress, snapshot)
     progress.events.clear()  # all values were fresh a moment ago
     if not watcher.has_received:
-        print(f"{watcher.mission.name}: {no_answer_message(watcher.mission, options)}", file=sys.stderr)
+        print(
+            f"{watcher.mission.name}: {no_answer_message(watcher.mission, options, MONITOR)}", file=sys.stderr
+        )
     elif not options.json:
         size = shutil.get_terminal_size()
         Console(highlight=False, width=size.columns).print(

@@ -213,9 +213,9 @@ def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
 
 def _check(flag: str, endpoint: str) -> None:
     try:
-        BusConfig(connect=(endpoint,))
+        BusConfig(connect=(endpoint,), connect_flag=flag)
     except BusError as error:
-        raise BadInput(str(error).replace("--connect", flag)) from None
+        raise BadInput(str(error)) from None
 
 
 def _flags() -> argparse.ArgumentParser:

@@ -67,7 +67,9 @@ def robot_facts(
         keys[SCAN] = SCAN.key(robot)
     naming = Naming.of(mission.robots, [robot])
     with refusing(BusError):
-        config = BusConfig(connect=(router,), mode="client", adminspace=False, name=NODE)
+        config = BusConfig(
+            connect=(router,), mode="client", adminspace=False, name=NODE, connect_flag="--robot-connect"
+        )
     try:
         with Bus(config) as bus:
             if _linked(bus):

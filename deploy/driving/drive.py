@@ -15,7 +15,7 @@ from uuid import uuid4
 from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.inputs import KEY_SECONDS, QUIT, RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
-from formation.deploy.driving.ros import add_router, listening
+from formation.deploy.driving.ros import add_router, listening, topic
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
@@ -215,7 +215,9 @@ def _options() -> argparse.ArgumentParser:
         metavar="DEVICE",
         help="a Linux joystick (default /dev/input/js0): hold its left shoulder button",
     )
-    source.add_argument("--topic", metavar="TOPIC", help="geometry_msgs/Twist messages of this ROS topic")
+    source.add_argument(
+        "--topic", type=topic, metavar="TOPIC", help="geometry_msgs/Twist messages of this ROS topic"
+    )
     limit = number(0.0, 100.0, open_below=True)
     options.add_argument(
         "--speed", type=limit, metavar="M/S", help="greatest speed (default: what followers can follow)"

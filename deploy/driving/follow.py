@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
-from formation.deploy.driving.ros import add_router, listening
+from formation.deploy.driving.ros import add_router, listening, topic
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
@@ -49,6 +49,8 @@ def main(arguments: Sequence[str]) -> int:
     if not topics:
         raise Refusal("name what to follow: --goals TOPIC, --paths TOPIC, or both")
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
+    with refusing(ValueError):
+        intent.request_for(mission, "speed", speed=speed, degrees=0.0)
     with (
         refusing(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
@@ -93,8 +95,10 @@ def route(mission: Mission, points: Sequence[complex], speed: float) -> Operator
 def _options() -> argparse.ArgumentParser:
     options = parser("follow", "Give the leader the goals and paths of ROS as routes.", EXAMPLES)
     options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
-    options.add_argument("--goals", metavar="TOPIC", help="geometry_msgs/PoseStamped, such as /goal_pose")
-    options.add_argument("--paths", metavar="TOPIC", help="nav_msgs/Path, such as /plan")
+    options.add_argument(
+        "--goals", type=topic, metavar="TOPIC", help="geometry_msgs/PoseStamped, such as /goal_pose"
+    )
+    options.add_argument("--paths", type=topic, metavar="TOPIC", help="nav_msgs/Path, such as /plan")
     options.add_argument(
         "--speed",
         type=number(0.0, 100.0, open_below=True),

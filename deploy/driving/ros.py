@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,6 +13,8 @@ from formation.transport.bus_config import BusConfig
 
 MAX_DOMAIN = 232
 """Greatest ROS domain id."""
+TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+"""Names of ROS topics."""
 ROUTER = "tcp/127.0.0.1:7447"
 """Where zenoh-bridge-ros2dds and rmw_zenohd listen."""
 
@@ -33,6 +36,15 @@ def add_router(options: argparse.ArgumentParser) -> None:
     )
 
 
+def topic(text: str) -> str:
+    """Parse the name of a topic on the command line. Raises ArgumentTypeError."""
+    if not TOPIC.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be words of letters, digits and _, joined by /, such as /goal_pose"
+        )
+    return text
+
+
 def _domain(text: str) -> int:
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 0 to {MAX_DOMAIN}")
@@ -46,7 +58,8 @@ def listening(endpoint: str, topics: tuple[str, ...], domain: int) -> Iterator[B
     rmw_zenoh puts the `domain` before a topic, type and hash after it. A robot's topic of the same name has
     the robot's name in that place. Raises BusError.
     """
-    with Bus(BusConfig(connect=(endpoint,), mode="client", name="driver")) as bus:
+    config = BusConfig(connect=(endpoint,), mode="client", name="driver", connect_flag="--ros")
+    with Bus(config) as bus:
         for topic in topics:
             key = topic.strip("/")
             bus.subscribe(key)

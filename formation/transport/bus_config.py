@@ -81,12 +81,14 @@ class BusConfig:
     """Whether other sessions may read this one's links and subscriptions under ``@/``."""
     name: str = ""
     """Name of this process in its admin space."""
+    connect_flag: str = "--connect"
+    """The flag that names endpoints to dial, for errors."""
 
     def __post_init__(self) -> None:
         implied = self.implied or Links((), ())
         for flag, endpoints in (
             ("--listen", self.listen + implied.listen),
-            ("--connect", self.connect + implied.connect),
+            (self.connect_flag, self.connect + implied.connect),
         ):
             for endpoint in endpoints:
                 _check_endpoint(flag, endpoint)

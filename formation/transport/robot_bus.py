@@ -62,7 +62,9 @@ class RobotBus:
         ends = tuple(dict.fromkeys(endpoints))
         self._router = mode == "router"
         listen, connect = (ends, ()) if self._router else ((), ends)
-        self._config = BusConfig(listen=listen, connect=connect, mode=mode, name=node)
+        self._config = BusConfig(
+            listen=listen, connect=connect, mode=mode, name=node, connect_flag="--robot-connect"
+        )
         self._naming, self._mailbox, self._node = naming, mailbox, node
         self._advertised: dict[str, _Line] = {}
         self._subscribed: dict[str, tuple[str, bool]] = {}  # wire key, and whether from others only

@@ -62,6 +62,9 @@ def opened(settings: zenoh.Config, name: str) -> zenoh.Session:
         if "in use" in str(error):
             twice = f"; is there a second {name} on this machine?" if name else ""
             raise BusError(f"cannot listen on {listened}: the address is in use{twice}") from None
+        if "Unable to connect" in str(error):
+            dialled = ", ".join(json.loads(settings.get_json("connect/endpoints")))
+            raise BusError(f"no router answers at {dialled}: is it running there?") from None
         raise BusError(f"the bus cannot be opened, listening on {listened}: {plain(error)}") from None
 
 

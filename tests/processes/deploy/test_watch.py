@@ -16,7 +16,7 @@ from typing import IO, Any
 
 import pytest
 
-from formation.deploy.watch import no_answer_message
+from formation.deploy.links import no_answer_message
 from formation.mission.file import load
 from tests.support.child import PATIENCE, free_endpoint
 from tests.support.launched import command
@@ -137,7 +137,9 @@ def test_watch_without_answers_suggests_remedies(flags: list[str], tmp_path: Pat
 
 def test_suggested_command_quotes_mission_filename() -> None:
     options = argparse.Namespace(mission="it's mine.toml", connect=[], config=None)
-    (line,) = [line for line in no_answer_message(SIX, options).splitlines() if "formation run" in line]
+    (line,) = [
+        line for line in no_answer_message(SIX, options, "monitor").splitlines() if "formation run" in line
+    ]
     assert shlex.split(line.partition("? ")[2])[-1] == options.mission
 
 

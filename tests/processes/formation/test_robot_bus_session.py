@@ -89,5 +89,5 @@ def test_unknown_or_foreign_keys_are_refused(endpoint: str, naming: Naming) -> N
             bus.subscribe(ODOM, "robot3/odom")
         with pytest.raises(ValueError, match="no key of the topic table"):
             bus.subscribe(ODOM, "robot2/wheels")
-    with pytest.raises(BusError, match="--connect 'tcp/nowhere'"):
+    with pytest.raises(BusError, match="--robot-connect 'tcp/nowhere'"):
         RobotBus(("tcp/nowhere",), naming, Mailbox())

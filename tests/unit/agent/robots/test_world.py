@@ -289,9 +289,8 @@ def test_world_flags_are_empty_by_default() -> None:
         ("robot9:stale@1", "'robot9:stale@1': robot9: must be one of robot2, robot3, robot4, robot5, robot6"),
         ("robot1:stale@1", "'robot1:stale@1': robot1: must be one of robot2, robot3, robot4, robot5, robot6"),
         (
-            "robot3:relative_frozen@1",
-            "'robot3:relative_frozen@1': robot3 has no sensor for relative_frozen;"
-            " no robot of the mission has one",
+            "robot3:scan_late@1",
+            "'robot3:scan_late@1': robot3 has no sensor for scan_late; no robot of the mission has one",
         ),
         ("robot3:blocked=3@1", "'robot3:blocked=3@1': blocked takes no SIZE"),
         ("robot3:stale=nan@1", "'robot3:stale=nan@1': SIZE must be finite"),
