@@ -22,6 +22,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -252,7 +253,8 @@ def run_pip(command: Sequence[str], progress: Progress) -> None:
 
 def failure(command: Sequence[str], printed: Sequence[str]) -> str:
     """Return the failed command, with the last lines that it printed."""
-    return "\n  ".join([f"this failed: {' '.join(command)}", *printed[-12:]])
+    typed = textwrap.shorten(" ".join(command), 200, placeholder=" …")
+    return "\n  ".join([f"this failed: {typed}", *printed[-12:]])
 
 
 class Progress:

@@ -192,7 +192,10 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
     if len(given) != len(verb.takes):
         takes = " and ".join(verb.takes.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
-    what = {name: READ_AS.get(name, _number)(text) for name, text in zip(verb.takes, given, strict=True)}
+    what = {
+        name: READ_AS[name](text) if name in READ_AS else _number(f"{do} {label}", text)
+        for (name, label), text in zip(verb.takes.items(), given, strict=True)
+    }
     return _request_for(mission, do, what)
 
 
@@ -215,18 +218,15 @@ def _gains(words: Sequence[str]) -> dict[str, float]:
             raise Refusal(f"tune: no gain {name!r} can be tuned; those that can are {legal}")
         if name in given:
             raise Refusal(f"tune: {name} is given twice")
-        try:
-            given[name] = _number(value)
-        except Refusal as refusal:
-            raise Refusal(f"tune: {name}: {refusal}") from None
+        given[name] = _number(f"tune {name}", value)
     return given
 
 
-def _number(text: str) -> float:
+def _number(what: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise Refusal(f"{text!r}: must be a number") from None
+        raise Refusal(f"{what}: {text!r}: must be a number") from None
 
 
 def _route(file: str) -> Any:

@@ -13,6 +13,8 @@ def refused(what: str) -> Iterator[None]:
     """Turn system errors inside into a Refusal: a forbidden folder, a name that is too long."""
     try:
         yield
+    except (FileExistsError, NotADirectoryError) as error:
+        raise Refusal(f"{what}: {error.filename} is there, and is no folder") from None
     except OSError as error:
         raise Refusal(f"{what}: {error.strerror}") from None
 

@@ -36,6 +36,8 @@ from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
 
 MAX_RUNS = 100_000
+MAX_SPREAD, MAX_NOISE = 1e4, 10.0
+"""Greatest distance of random starts from slots, and greatest noise of odometry [m]."""
 BLOCK_RUNS = 500
 """Runs that go in step, with random numbers of their own."""
 HEADING_TOLERANCE = 1e-9
@@ -46,6 +48,8 @@ EXAMPLES = """\
   formation simulate six_robots --runs 400 --avoid       robots also avoid those that they do not measure
   formation simulate two_chains --runs 100 --delay 0.1 --loss 0.2
   formation simulate six_robots --plot fig2.png          the panels of the paper's Fig. 2
+
+Exit code 0: it was simulated, whether the formation converged or not; 2: it was not.
 """
 
 
@@ -275,7 +279,10 @@ def _options() -> argparse.ArgumentParser:
         help=f"its length, at most {MAX_HORIZON:g} [s]",
     )
     options.add_argument(
-        "--spread", type=number(0.0), metavar="M", help="random starts within ± this of the slots [m]"
+        "--spread",
+        type=number(0.0, MAX_SPREAD),
+        metavar="M",
+        help="random starts within ± this of the slots [m]",
     )
     worse = options.add_argument_group("a worse world")
     worse.add_argument(
@@ -285,7 +292,10 @@ def _options() -> argparse.ArgumentParser:
         "--loss", type=number(0.0, 1.0), default=0.0, metavar="P", help="share of them that is lost, 0 to 1"
     )
     worse.add_argument(
-        "--noise", type=number(0.0), metavar="M", help="standard deviation of odometry positions [m]"
+        "--noise",
+        type=number(0.0, MAX_NOISE),
+        metavar="M",
+        help="standard deviation of odometry positions [m]",
     )
     worse.add_argument(
         "--quantised", action="store_true", help="cut commands to hundredths, as TurtleBot3 does"

@@ -278,11 +278,17 @@ def _earlier_folders(out: Path) -> tuple[str, ...]:
 @contextmanager
 def _workshop(out: Path) -> Iterator[Path]:
     """Make a folder beside `out`, on its file system, for incomplete bundles."""
+    fresh = not out.exists()
     with refused(f"--out {out}"):
         out.mkdir(mode=0o700, parents=True, exist_ok=True)
         shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
-    with shop as folder:
-        yield Path(folder)
+    try:
+        with shop as folder:
+            yield Path(folder)
+    except BaseException:
+        if fresh and not any(out.iterdir()):
+            out.rmdir()
+        raise
 
 
 def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:

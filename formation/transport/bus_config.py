@@ -130,7 +130,7 @@ def parse_override(text: str) -> tuple[str, str]:
 def plain(error: Exception) -> str:
     """One line of Zenoh's error, without the places in its source code that it names."""
     quoted = re.search(r'msg: "(.*?)", location', str(error), re.DOTALL)
-    text = re.sub(r" at \S+\.rs:\d+\.?", "", quoted[1] if quoted else str(error))
+    text = re.sub(r" at \S+\.rs:\d+\.?", "", quoted[1] if quoted else str(error)).replace(r"\n", " ")
     return " ".join(text.split())
 
 
