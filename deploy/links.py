@@ -32,7 +32,7 @@ def operator_bus(options: argparse.Namespace, mission: Mission, names: Iterable[
 
 
 def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: str) -> str:
-    """Return the message, and remedies, if no process answers; `visitor` is whose configuration is needed."""
+    """Return the message, and remedies, if no process answers; `visitor` has the configuration needed."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
     where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
     tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]

@@ -363,7 +363,8 @@ class OperatorRequest(_Json):
     @property
     def spelled(self) -> dict[str, Any]:
         """Its given fields, for JSON."""
-        return self.model_dump(mode="json", exclude_none=True, exclude=None if self.ends else {"ends"})
+        empty = {name for name in ("ends", "mission") if not getattr(self, name)}
+        return self.model_dump(mode="json", exclude_none=True, exclude=empty)
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -18,9 +18,9 @@ from formation.protocol.outcome import Answer, Outcome, Recipients
 from formation.stability import intent
 from tests.unit.leader.leading import leading
 
-PATROL, CONVOY = load("patrol"), load("convoy")
+SIX, CONVOY = load("six_robots"), load("convoy")
 VALUES: dict[str, dict[str, Any]] = {
-    "shape": {"shape": PATROL.first_shape},
+    "shape": {"shape": SIX.first_shape},
     "rotate": {"degrees": 10.0},
     "scale": {"factor": 1.1},
     "speed": {"speed": 0.01, "degrees": 0.0},
@@ -43,7 +43,7 @@ def reply(process: Agent | Leader, data: bytes) -> OperatorReply:
 
 @pytest.fixture(params=["agent", "leader"])
 def process(request: pytest.FixtureRequest) -> Agent | Leader:
-    return Agent(PATROL, "robot1") if request.param == "agent" else leading(PATROL)
+    return Agent(SIX, "robot2") if request.param == "agent" else leading(SIX)
 
 
 @every_do
@@ -53,29 +53,29 @@ def test_only_stop_and_hold_of_another_mission_are_obeyed(process: Agent | Leade
         assert (answer.ok, answer.code) == (True, "")
         return
     assert (answer.ok, answer.code) == (do in {"stop", "hold"}, "other-mission")
-    assert answer.reason == (f"runs mission patrol ({PATROL.tag}), not the one of this order ({CONVOY.tag})")
+    assert answer.reason == (f"runs mission six-robots ({SIX.tag}), not the one of this order ({CONVOY.tag})")
     assert answer.mode == (do if do in {"stop", "hold"} else answer.mode)
 
 
 def test_other_missions_release_and_run_leave_the_stop_in_force(process: Agent | Leader) -> None:
-    stopped = reply(process, request("stop", PATROL))
+    stopped = reply(process, request("stop", SIX))
     assert (stopped.mode, stopped.code) == ("stop", "")
     for do in ("release", "run"):
         ends = OperatorRequest.model_validate(
             {"do": do, "id": do, "mission": CONVOY.tag, "ends": ("stop-1",)}
         )
         assert reply(process, order.encode(ends)).mode == "stop"
-    ends = OperatorRequest(do="release", id="own", mission=PATROL.tag, ends=("stop-1",))
+    ends = OperatorRequest(do="release", id="own", mission=SIX.tag, ends=("stop-1",))
     assert reply(process, order.encode(ends)).mode == "hold"
 
 
 @every_do
 @pytest.mark.parametrize("kind", LAWS)
 def test_mission_is_the_same_under_each_law(process: Agent | Leader, kind: str, do: str) -> None:
-    own, stated = (reply(process, request(do, one, 2)) for one in (None, PATROL.under(kind)))
+    own, stated = (reply(process, request(do, one, 2)) for one in (None, SIX.under(kind)))
     assert "other-mission" not in {own.code, stated.code}
-    assert PATROL.under(kind).tag in tags_of(PATROL)
-    assert CONVOY.tag not in tags_of(PATROL)
+    assert SIX.under(kind).tag in tags_of(SIX)
+    assert CONVOY.tag not in tags_of(SIX)
 
 
 def test_order_states_the_mission_that_it_was_checked_against() -> None:
@@ -86,10 +86,10 @@ def test_outcome_names_robots_of_another_mission_and_is_not_obeyed() -> None:
     asked = OperatorRequest(do="stop", mission=CONVOY.tag)
     answers = {
         name: Answer(reply(process, order.encode(asked)), 1.0)
-        for name, process in (("leader", leading(PATROL)), ("robot1", Agent(PATROL, "robot1")))
+        for name, process in (("robot1", leading(SIX)), ("robot2", Agent(SIX, "robot2")))
     }
-    outcome = Outcome(asked, Recipients(("leader",), ("robot1",)), answers, 0.0, 3.0)
+    outcome = Outcome(asked, Recipients(("robot1",), ("robot2",)), answers, 0.0, 3.0)
     assert not outcome.obeyed
-    assert outcome.elsewhere == ["leader", "robot1"]
-    assert "another mission runs at leader, robot1: name that one" in outcome.summary()
+    assert outcome.elsewhere == ["robot1", "robot2"]
+    assert "another mission runs at robot1, robot2: name that one" in outcome.summary()
     assert [one["code"] for one in outcome.report()["acknowledged"]] == ["other-mission"] * 2
