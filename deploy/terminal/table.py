@@ -37,8 +37,8 @@ COLUMNS = {
     "robot": 8, "state": 7, "error": 7, "u [m/s]": 12, "ω [rad/s]": 12, "θ error": 7, "age": 6,
 }  # fmt: skip
 """Columns and their least width [characters], so that nothing jumps while figures change."""
-OTHER_COLUMNS_WIDTH = sum(COLUMNS.values()) - COLUMNS["robot"] + 2 * (len(COLUMNS) - 1)
-"""Width of all columns but the first, with the spaces between them [characters]."""
+LEFT_OUT_FIRST = ("θ error", "ω [rad/s]", "u [m/s]")
+"""Columns that a narrow terminal does not show, the first to be left out first."""
 NUMBERS = ("error", "θ error", "age")
 """Columns aligned to the right."""
 ECHO = len("^C")
@@ -65,13 +65,16 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
     if snapshot is None:
         return Text(_beginning(progress))
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    for title, least in COLUMNS.items():
+    columns = _columns(width)
+    for title in columns:
         side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
-        table.add_column(Text(title), justify=side, no_wrap=True, min_width=least)
+        table.add_column(Text(title), justify=side, no_wrap=True, min_width=COLUMNS[title])
     footer = _footer(progress, snapshot, width, ascii_only=ascii_only)
     names, left_out = _chosen(progress, snapshot, max(1, height - 3 - len(footer)))
     for name in names:
-        table.add_row(*_row(progress, snapshot, name, width - OTHER_COLUMNS_WIDTH, ascii_only=ascii_only))
+        room = width - _width(columns) + COLUMNS["robot"]
+        cells = _row(progress, snapshot, name, room, ascii_only=ascii_only)
+        table.add_row(*(cells[title] for title in columns))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
     room = height - 3 - len(names) - bool(left_out) - len(footer)
     return Group(
@@ -81,6 +84,20 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
         *footer,
         *_events(progress, width, room),
     )
+
+
+def _width(columns: Sequence[str]) -> int:
+    """Return the least width of columns with the spaces between them [characters]."""
+    return sum(COLUMNS[title] for title in columns) + 2 * (len(columns) - 1)
+
+
+def _columns(width: int) -> list[str]:
+    """Return the columns for a terminal of `width` characters."""
+    columns = list(COLUMNS)
+    for title in LEFT_OUT_FIRST:
+        if _width(columns) > width:
+            columns.remove(title)
+    return columns
 
 
 def _beginning(progress: Progress) -> str:
@@ -114,7 +131,10 @@ def _chosen(progress: Progress, snapshot: Snapshot, room: int) -> tuple[Sequence
     return [n for n in names if n in worst], f"and {len(names) - len(worst)} more, with smaller errors"
 
 
-def _row(progress: Progress, snapshot: Snapshot, name: str, room: int, *, ascii_only: bool) -> list[Text]:
+def _row(
+    progress: Progress, snapshot: Snapshot, name: str, room: int, *, ascii_only: bool
+) -> dict[str, Text]:
+    """Return the cells of a robot, by column; `room` is for its name [characters]."""
     robot = snapshot.robots.get(name, RobotNow())
     leads = name == progress.mission.leader
     called = LEADER if snapshot.leads in {None, name} else snapshot.leads  # another may lead by now
@@ -125,15 +145,18 @@ def _row(progress: Progress, snapshot: Snapshot, name: str, room: int, *, ascii_
     error = metres(robot.error)
     if robot.error is None and robot.known_error is not None:  # over some neighbours: a lower bound
         error = f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
-    return [
-        Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
-        _state(state, robot),
-        Text(error),
-        _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
-        _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
-        Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
-        Text(seconds(robot.age), style="yellow" if late else ""),
-    ]
+    short = title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")
+    heading = "-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"
+    turn_limit = None if leads else limits.max_turn_rate
+    return {
+        "robot": Text(short),
+        "state": _state(state, robot),
+        "error": Text(error),
+        "u [m/s]": _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
+        "ω [rad/s]": _against(robot.turn_rate, turn_limit, ascii_only=ascii_only),
+        "θ error": Text(heading),
+        "age": Text(seconds(robot.age), style="yellow" if late else ""),
+    }
 
 
 def _state(state: str, robot: RobotNow) -> Text:

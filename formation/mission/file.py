@@ -216,6 +216,8 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
             legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'], whole)}"
         case "string_pattern_mismatch":
             legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
+        case "tuple_type" if place == ["route"]:
+            legal = "route: should be [[route]] in double brackets, a table for each leg"
         case _:
             wanted = detail["msg"].removeprefix("Input should be ").removeprefix("Input ")
             wanted = wanted.replace("a valid tuple", "a list").replace("a valid dictionary", "a table")

@@ -184,7 +184,7 @@ class RobotBus:
                 self._open()
             except BusError as nobody:
                 if failures == 0:
-                    _log.log(self._level, "no router at %s yet: %s", where, nobody)
+                    _log.log(self._level, "waiting for a router: %s", nobody)
                 failures += 1
                 self._closing.wait(REDIAL_PERIOD)
             except Exception:  # noqa: BLE001 - a thread that ended here would leave the robot without a link

@@ -79,7 +79,6 @@ def test_watchdog_stops_robot_of_silent_agent_until_farewell(
     assert "THE AGENT IS SILENT" in log_after_end(watchdog)
 
 
-@pytest.mark.smoke
 def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     scene.robot()
     scene.listen()

@@ -62,7 +62,6 @@ def test_fleet_starts_given_driver_for_robot(process_fleet: MakeProcesses, tmp_p
     assert any("driver robot2" in file.name.replace("-", " ") for file in (tmp_path / "here").iterdir())
 
 
-@pytest.mark.smoke
 def test_keyboard_drives_fleet_until_driver_is_killed(process_fleet: MakeProcesses) -> None:
     fleet = process_fleet(PAIR)
     fleet.run_until_settled()

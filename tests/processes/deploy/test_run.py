@@ -236,7 +236,6 @@ def test_bad_mission_exits_with_2_and_leaves_no_file(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
 
 
-@pytest.mark.smoke
 def test_each_robot_acknowledges_orders_during_run(tmp_path: Path) -> None:
     flags = ("--duration", "300", "--record", "run.mcap")  # a busy machine takes long for four orders
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:

@@ -30,7 +30,6 @@ def any_newer_than(moment: float) -> Callable[[Sequence[Sample]], bool]:
     return lambda samples: any(decode(Pose, sample.payload).stamp > moment for sample in samples)
 
 
-@pytest.mark.smoke
 def test_leader_follows_route_in_real_time() -> None:
     end = free_endpoint()
     with leader(end) as child, listening(end, "robot1/position") as bus:

@@ -51,6 +51,7 @@ def test_robots_with_slow_ramp_pass_without_contact() -> None:
     assert least_gap(Fleet(changed(CROSSING, ramp=1.0)), 10.0) > 0.0
 
 
+@pytest.mark.slow
 def test_robots_touch_without_collision_filter() -> None:
     assert least_gap(Fleet(scenarios.exchanged(SIX, mode="off")), 10.0) < 0.0
 

@@ -53,6 +53,7 @@ def test_paper_law_settles_between_8_and_90_seconds() -> None:
     assert fleet.error() < SIX.settled
 
 
+@pytest.mark.slow
 def test_proportional_law_forms_with_ramp_and_avoidance() -> None:
     fleet = Fleet(scenarios.exchanged(SIX), law="proportional", seed=2)
     assert least_gap(fleet, 20.0) > 0.0
@@ -321,6 +322,7 @@ def events(fleet: Fleet) -> tuple[object, ...]:
     return dict(fleet.commands), [fleet.message(one) for one in fleet.agents], fleet.leader_terms
 
 
+@pytest.mark.slow
 def test_copied_fleet_behaves_like_new_fleet() -> None:
     for kind, name in ((Team, "turtlebot3_pair"), (Fleet, "patrol")):
         mission = load(name)

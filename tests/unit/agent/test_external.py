@@ -138,6 +138,7 @@ def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
     assert fleet.error() < 0.01
 
 
+@pytest.mark.slow
 def test_flipped_measured_heading_stops_robot() -> None:
     fleet = Fleet.under_way(MEASURED, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=-seen.heading))

@@ -119,6 +119,7 @@ def test_thawed_leader_publishes_no_order(fleet: Fleet) -> None:
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
 
 
+@pytest.mark.slow
 def test_leader_with_minority_stands_down_before_takeover(fleet: Fleet) -> None:
     few = {"leader", "robot1"}
     fleet.cut(few, fleet.nodes.keys() - few - {"world"})
@@ -153,6 +154,7 @@ def test_restarted_leader_with_wrong_clock_leads(fleet: Fleet, clock: float) -> 
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
 
 
+@pytest.mark.slow
 def test_restarting_each_agent_in_turn_keeps_leader(fleet: Fleet) -> None:
     for name in fleet.agents:
         fleet.restart(name)

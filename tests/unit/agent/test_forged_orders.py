@@ -179,6 +179,7 @@ def test_replayed_run_orders_do_not_end_hold() -> None:
     assert moved(fleet, OTHERS, start) == []
 
 
+@pytest.mark.slow
 def test_replayed_orders_of_earlier_term_change_nothing() -> None:
     """The leader ended in its second term; orders of the first are replayed 7 s later."""
     fleet = SignedFleet(TEAM, seed=1)
@@ -219,6 +220,7 @@ def test_robots_obey_leader_restarted_with_clock_set_back(before: float, after: 
     assert terms(fleet) == {fleet.leader.term}
 
 
+@pytest.mark.slow
 def test_robots_with_different_terms_reach_common_term() -> None:
     """The leader restarts with its clock set back; only robots that it does not receive know its term."""
     fleet = SignedFleet(TEAM, seed=1).after(3.0)

@@ -129,6 +129,7 @@ def test_other_robots_stay_in_formation_when_one_is_lost(
     assert largest_command_change(fleet, since) < 0.25
 
 
+@pytest.mark.slow
 def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None:
     fleet = under_way(SIX)
     fleet.ask("robot3", "hold")

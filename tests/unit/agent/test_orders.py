@@ -148,6 +148,7 @@ def ages(fleet: Fleet) -> dict[str, float]:
     return {name: agent.orders.age(fleet.now) for name, agent in fleet.agents.items()}
 
 
+@pytest.mark.slow
 def test_ordered_velocity_more_than_halves_error_at_corner() -> None:
     before = greatest_error(Fleet(mission("none")), 7.9, 1.0)
     assert greatest_error(Fleet(mission("velocity")), 7.9, 1.0) < 0.45 * before

@@ -87,6 +87,7 @@ def test_robot_drives_round_post_and_back_to_slot(robot: dict[str, str]) -> None
     assert fleet.error() < 0.02
 
 
+@pytest.mark.slow
 def test_robot_without_scanner_hits_post() -> None:
     assert least_gap(Fleet(among(team(ALONE), POST)), 20.0) < 0.0
 
@@ -240,6 +241,7 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
     assert attacked.agents["robot1"].decision.state is AgentState.RUN
 
 
+@pytest.mark.slow
 def test_garbled_scans_crash_nothing_and_keep_limits() -> None:
     dice = random.Random(4)
     fleet = Fleet(among(team(ALONE, scanner="required"), POST))
@@ -304,6 +306,7 @@ def facing(*, mode: str, passes: bool, seen: str = TOWER) -> Mission:
     )
 
 
+@pytest.mark.slow
 def test_robots_pass_bodies_wider_than_seen_part() -> None:
     fleet = Fleet(facing(mode="on", passes=True))
     assert least_gap(fleet, 20.0) > 0.05

@@ -82,6 +82,7 @@ def test_status_reports_sight_of_neighbours() -> None:
     assert 0.0 < max(status.sight_deviation.values()) < 0.05
 
 
+@pytest.mark.slow
 def test_blinded_robot_holds_after_max_reckoning_time() -> None:
     fleet = driving_triangle()
     blind(fleet, "robot7")
@@ -167,6 +168,7 @@ def test_frozen_scan_shows_no_neighbour() -> None:
     assert fleet.status("robot7").sight is Sight.RECKONING
 
 
+@pytest.mark.slow
 def test_posts_of_tower_size_do_not_mislead_pose() -> None:
     posts = "\n".join(
         f"[[simulation.posts]]\nx = {x}\ny = {y}\nradius = 0.035"

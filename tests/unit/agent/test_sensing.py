@@ -161,6 +161,7 @@ def test_delay_within_limit_with_noise_causes_no_hold() -> None:
     assert watch(faulty(mission, Fault("robot2", "restamped", 0.3, 0.0)), 20.0).holds == {}
 
 
+@pytest.mark.slow
 def test_robot_with_stuttering_odometry_stops_within_bound() -> None:
     fleet: Fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "stutter", 0.35, 8.0))
     fleet.run(9.5)
@@ -199,6 +200,7 @@ def test_frozen_odometry_in_bursts_holds_robot(burst: float, gap: float) -> None
     assert fleet.agents["robot3"].motion.state.doubt is not None
 
 
+@pytest.mark.slow
 def test_interrupted_probes_stay_bounded() -> None:
     fleet = stuttering(1.45, 0.2)
     fleet.run(1.5)
@@ -206,6 +208,7 @@ def test_interrupted_probes_stay_bounded() -> None:
     assert fleet.agents["robot3"]._probe.state.tries > 2
 
 
+@pytest.mark.slow
 def test_odometry_in_bursts_causes_no_doubt() -> None:
     fleet = Fleet(mission_of("six_robots", "odometry"))
     fleet.meddle = bursts(fleet, "robot3", 0.5, 0.3)

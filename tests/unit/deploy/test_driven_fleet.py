@@ -66,6 +66,7 @@ def test_all_robots_stand_soon_after_a_failure(
     assert at_rest(fleet)
 
 
+@pytest.mark.slow
 def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet(MISSIONS / "trio.toml")
     fleet.drive(0.1, seconds=4.0)
@@ -78,6 +79,7 @@ def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehears
     assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
 
 
+@pytest.mark.slow
 def test_pauses_in_driving_restore_no_trust_in_frozen_sensor(rehearsed_fleet: MakeRehearsed) -> None:
     text = with_keys(read("turtlebot3_pair")[0], measurement="local")
     fleet = rehearsed_fleet(text, faults=["robot2:relative_frozen@8"], strict=False)

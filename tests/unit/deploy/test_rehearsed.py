@@ -55,6 +55,7 @@ def test_illegal_order_is_refused_before_it_is_sent(rehearsed_fleet: MakeRehears
     assert fleet.now == 0.0
 
 
+@pytest.mark.slow
 def test_rotate_order_turns_the_shape(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("turtlebot3_pair")
     fleet.run_until_settled()

@@ -68,6 +68,7 @@ def test_default_mission_is_section_4_of_the_paper() -> None:
         ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000000"]),
         ("max_turn_rate = 1.5", "max_turn_rate = 1e4", ["max_turn_rate = 10000.0", "or equal to 1000"]),
         ("[[route]] ", "[[route]]\nradius = 1e-320 #", ["route.0.radius", "greater than or equal to 0.001"]),
+        ("[[route]] ", "[route] ", ["route: should be [[route]] in double brackets"]),
         ("max_speed = 1.5", "max_spede = 1.5", ["unknown key robot.max_spede", "max_speed"]),
         ("rate = 20", "rate = 0", ["robot.rate = 0", "greater than or equal to 1"]),
         ('["robot1"]', '["robot9"]', ["robots.robot2.neighbours", "'robot9'", "unknown robot", "robot1"]),

@@ -93,6 +93,21 @@ def test_long_name_is_cut_and_figures_stay_complete() -> None:
     assert "robotrobotrobotr…" in text
 
 
+@pytest.mark.parametrize(
+    ("width", "shown"),
+    [
+        (71, "run 12 cm 0.75 ━━╌╌ -0.40 ━╌╌╌ -3.0° 31 ms"),
+        (64, "run 12 cm 0.75 ━━╌╌ -0.40 ━╌╌╌ 31 ms"),
+        (50, "run 12 cm 0.75 ━━╌╌ 31 ms"),
+        (40, "run 12 cm 31 ms"),
+    ],
+)
+def test_narrow_table_leaves_out_whole_columns(width: int, shown: str) -> None:
+    lines = picture(progress(), width)
+    assert row(lines, "robot3").split() == ["robot3", *shown.split()]
+    assert all(len(text) <= width for text in lines)
+
+
 def test_robot_with_dead_agent_is_shown_as_dead() -> None:
     now = progress()
     now.dead["agent robot4"] = "was killed (Killed) during the run"

@@ -176,6 +176,7 @@ def test_large_error_is_reported_as_unsettled_then_settled() -> None:
     assert again.kind == "settled"
 
 
+@pytest.mark.slow
 def test_oscillating_error_is_reported_as_unsettled_once() -> None:
     one = astray(lambda t: t % 1.0 < 0.4 and t > 15.0, 0.06)
     assert [event.kind for event in of(one.drive(60.0), "settled", "unsettled")] == ["settled", "unsettled"]
@@ -207,6 +208,7 @@ def test_rejections_are_reported_at_once_then_counted_periodically() -> None:
     assert sum(counts) + len(events) - len(counts) == len(bad)  # every one is in some event
 
 
+@pytest.mark.slow
 def test_malformed_messages_do_not_flood_events() -> None:
     one = Watcher()
     rubbish = [

@@ -30,6 +30,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run_of(tmp_path_factory.mktemp("run"), talk(Fleet(away=coming_in), 12.0))
 
 
+@pytest.mark.slow
 def test_report_writes_each_panel_and_both_paper_figures(run: Run, tmp_path: Path) -> None:
     paths = figures.write(tmp_path / "new" / "folder", figures.of_run(run, View.of([run])), ["svg"])
     names = {path.stem for path in paths}
@@ -106,6 +107,7 @@ def test_figure_with_silent_period_is_written(tmp_path: Path) -> None:
     assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
 
 
+@pytest.mark.slow
 def test_many_orders_leave_room_for_the_curve(tmp_path: Path) -> None:
     def wants(time: float) -> dict[str, Any]:
         route = "" if time < 12.0 else "671f99bb423d"
@@ -153,6 +155,7 @@ def test_figure_with_unknown_values_is_drawn(history: History, tmp_path: Path) -
     assert path.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_figure_with_infinite_error_is_drawn(history: History, tmp_path: Path) -> None:
     lost, path = replace(history, error=np.full_like(history.error, np.inf)), tmp_path / "figure.png"
     drawing.draw(lost, path)

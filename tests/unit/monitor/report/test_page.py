@@ -159,6 +159,7 @@ def test_script_in_messages_does_not_reach_the_page(tmp_path: Path) -> None:
     assert "<script" not in made(tmp_path, "run", check="<script>")
 
 
+@pytest.mark.slow
 def test_page_is_made_of_nearly_empty_recordings(tmp_path: Path) -> None:
     samples = talk(Fleet(), 1.0)
     record(tmp_path / "empty.mcap", [])
