@@ -36,8 +36,11 @@ from formation.wire import Now
 
 LIMITED = (Code.SCAN_BLIND, Code.SCAN_SHORT, Code.SCAN_SECTOR)
 """Doubts about a scan that shows what it shows, and not enough to drive by it alone."""
-START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
-"""Standard deviation of a start pose, and of one that is in doubt, per axis [m; rad]."""
+START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(2.0)
+"""Standard deviation of a start pose, per axis [m; rad]: of a robot that was placed by eye. A robot with one
+neighbour in sight learns its heading only while it drives; more doubt would let noise turn it."""
+DOUBTED_DEVIATION, DOUBTED_HEADING_DEVIATION = 0.1, math.radians(5.0)
+"""Standard deviation of a pose at which no neighbour is where it says, per axis [m; rad]."""
 PLACE_DEVIATION = 0.005
 """Standard deviation of a neighbour's published place [m]."""
 LOCK_SCANS = 5
@@ -269,7 +272,10 @@ class Perception:
         """Begin at the pose that is known otherwise: at first, and when odometry does not tell the motion."""
         state = self.state
         pose = here.state.position, here.state.measured
-        state.estimate = pose_filter.first(*pose, START_DEVIATION, START_HEADING_DEVIATION)
+        deviations = START_DEVIATION, START_HEADING_DEVIATION
+        if state.estimate is not None:
+            deviations = DOUBTED_DEVIATION, DOUBTED_HEADING_DEVIATION
+        state.estimate = pose_filter.first(*pose, *deviations)
         state.trail = deque([Waypoint(moment, 0j, 1.0 + 0.0j)])
         state.scanned, state.locked, state.agreed = None, False, 0.0
         state.refused_since = math.inf
@@ -332,7 +338,7 @@ class Perception:
         """The estimate after a scan in which a neighbour is not where it says; `seen`: another one is."""
         if self.state.locked or seen:
             return pose_filter.widened(estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
-        return pose_filter.doubted(estimate, START_DEVIATION, START_HEADING_DEVIATION)
+        return pose_filter.doubted(estimate, DOUBTED_DEVIATION, DOUBTED_HEADING_DEVIATION)
 
     def _expected(self, one: Neighbour, scanned: Scanned, now: Now) -> Expected | None:
         """Where a robot should be in the scan; None if the scanner is inside of it."""

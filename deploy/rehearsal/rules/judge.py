@@ -32,10 +32,10 @@
 
 That time is `RECOVERY_TIME`; without faults and obstacles four times what the longest way at top speed takes.
 
-Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
-the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
-that all robots run again. Where it drifts, touches are judged while that is less than the filter's room,
-and the formation by so much less strictly.
+Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from the
+start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only that all
+robots run again, but for that one if its scans contradict its odometry. Where it drifts, touches are judged
+while that is less than the filter's room, and the formation by so much less strictly.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from formation.agent.core import Agent
 from formation.agent.simulated.faults import LATE, STUCK, Fault
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
@@ -64,6 +65,7 @@ from formation.deploy.rehearsal.rules.restarts import Restarts
 from formation.mission.model import Mission
 from formation.monitor.recording.recorder import Recorder
 from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.simulation.body import Body
 from formation.slots.shape import PlacedShape
@@ -100,6 +102,8 @@ RULES = (
     "formation",
     "record",
 )
+UNPLACED = (Code.SIGHT_CONTRADICTED, Code.SIGHT_SEARCHING, Code.SIGHT_LOST)
+"""Reasons of a robot that holds until it finds its neighbours, or a person places it."""
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
 MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
@@ -147,7 +151,8 @@ class Judge:
         self._blind = BlindPaths(fleet, faults, self._tell)
         self._commands = Commands(fleet, faults, self._tell)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
-        self._can_settle = not slipping and not any(_is_lost_by(one, mission) for one in faults)
+        self._lost = {one.robot for one in faults if _is_lost_by(one, mission)}
+        self._can_settle = not slipping and not self._lost
         self._drift = Body.of(mission.simulated_robot).drift
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
         in_time = max_delay <= mission.collisions.delay
@@ -298,11 +303,18 @@ class Judge:
             self._tell("leaders", "", " and ".join(leaders))
 
     def _is_settled(self) -> bool:
-        runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
-        back = not any(agent.state.availability.published for agent, _ in self._fleet.agents.values())
+        agents = [agent for agent, _ in self._fleet.agents.values() if not self._asks_to_be_placed(agent)]
+        runs = all(agent.decision.state is AgentState.RUN for agent in agents)
+        back = not any(agent.state.availability.published for agent in agents)
         return (runs and back) and (
             not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges()
         )
+
+    def _asks_to_be_placed(self, agent: Agent) -> bool:
+        """Whether a robot with wrong odometry holds because its scans contradict that: a person must help."""
+        decision = agent.decision
+        holds = decision.state is AgentState.HOLD and decision.reason.code in UNPLACED
+        return holds and agent.robot in self._lost
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()

@@ -8,6 +8,7 @@ import pytest
 
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.rehearsal import Plan, run
+from formation.mission.file import load
 from tests.support.examples import slow
 from tests.support.seeing import HEXAGON, TRIANGLE, hexagon
 
@@ -31,5 +32,21 @@ def test_robots_that_see_each_other_settle(robots: Sequence[str]) -> None:
 )  # fmt: skip
 def test_rules_hold_while_one_robot_fails(fault: str) -> None:
     verdict = run(Plan(MISSION), 0, (parse(f"robot4:{fault}", MISSION),))
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "faults", "signed"),
+    [
+        (30000, "", False),  # one neighbour in sight told robot2's heading wrong by 4 degrees
+        (30025, "", True),
+        (30023, "robot4:tremble=0.000237@9.5+2.7", False),  # robot4 turned by 37 degrees without odometry
+    ],
+)
+def test_shipped_convoy_holds_every_rule(seed: int, faults: str, *, signed: bool) -> None:
+    convoy = load("convoy")
+    verdict = run(Plan(convoy, signed=signed), seed, tuple(parse(one, convoy) for one in faults.split()))
     assert verdict.violations == ()
     assert verdict.settled_at is not None
