@@ -26,6 +26,7 @@ def test_unanswered_stop_lists_all_robots_as_missing(capsys: pytest.CaptureFixtu
     result = unanswered(capsys, "turtlebot3_pair", "stop")
     assert result.pop("id")
     assert result.pop("at") > 0.0
+    assert result.pop("mission") == load("turtlebot3_pair").tag
     assert result == {
         "do": "stop", "leader": None, "acknowledged": [], "refused": [],
         "missing": ["leader", "robot1", "robot2"], "standby": [], "unreached": [],
