@@ -1,7 +1,8 @@
 """Whether an operator's request is for the mission that a process runs.
 
 Robots of two missions may have the same names. What moves or releases robots is checked against the mission
-that the operator has named, so only robots that run it obey. A stop and a hold are obeyed in any mission.
+that the operator has named, so only robots that run it obey. A stop and a hold are obeyed in any mission,
+and sent without naming one, so that robots of an earlier version understand them.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ class Addressee:
 
     def mismatch(self, request: OperatorRequest) -> str:
         """Return in words that `request` is for another mission; empty if it is not, or states none."""
-        if not request.mission or request.mission in self._tags or request.do == "query":
+        if not request.mission or request.mission in self._tags:
             return ""
         return f"runs mission {self._name} ({self._tag}), not the one of this order ({request.mission})"
 
 
 def is_obeyed_in_any_mission(request: OperatorRequest) -> bool:
     """Whether robots of another mission than the operator's obey."""
-    return request.do in RESTS
+    return request.do == "query" or request.do in RESTS
 
 
 def noted(answer: bytes, mismatch: str) -> bytes:

@@ -47,6 +47,8 @@ class Outcome(NamedTuple):
     """When the first question was sent [s, our system clock]."""
     seconds: float
     """Longest wait for answers [s]."""
+    strangers: frozenset[str] = frozenset()
+    """Robots that were found to run another mission than the one of the request."""
 
     @property
     def leader(self) -> str | None:
@@ -78,7 +80,11 @@ class Outcome(NamedTuple):
     @property
     def elsewhere(self) -> list[str]:
         """Robots that run another mission than the one of the request."""
-        return [name for name in self._counting if self.answers[name].reply.code == "other-mission"]
+        return [
+            name
+            for name in self._counting
+            if name in self.strangers or self.answers[name].reply.code == "other-mission"
+        ]
 
     @property
     def nothing(self) -> list[str]:

@@ -17,6 +17,7 @@ from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.order import MAX_ENDED, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome, Recipients
+from formation.protocol.stops import RESTS
 from formation.topics import ORDER
 from formation.transport.mailbox import Reply
 from formation.wire import BadMessage
@@ -29,6 +30,8 @@ ENDING = ("release", "run")
 """Requests that name what they end, so that is queried first."""
 LEARNING_TIME = 1.0
 """Time for all robots to report what is in force, after the first has [s]."""
+MISSION_TIME = 0.3
+"""Time for robots to report whether they run the mission that was named [s]."""
 MAX_ROUND_TIME = 0.5
 """Longest wait of a question for its answer before it is repeated [s]."""
 REPEAT_PAUSE = 0.02
@@ -79,8 +82,12 @@ def give(
     """Send a request as `ask` does; one that ends a stop or a hold first queries which are in force.
 
     A robot that does not report it in time may have another one, and then keeps it. A stop never waits for
-    this; a release takes at most `LEARNING_TIME` longer.
+    this; a release takes at most `LEARNING_TIME` longer. Robots are asked after a stop or a hold whether they
+    run the mission of the request, for at most `MISSION_TIME`.
     """
+    if request.do in RESTS:
+        outcome = ask(put, recipients, request.model_copy(update={"mission": ""}), seconds, over, linked)
+        return outcome._replace(request=request, strangers=_strangers(put, outcome, request.mission, over))
     if request.do not in ENDING:
         return ask(put, recipients, request, seconds, over, linked)
     query, began = OperatorRequest(do="query"), _now()
@@ -94,6 +101,15 @@ def give(
     ids = Counter(getattr(answer.reply, field) for answer in known.answers.values())
     ends = tuple(name for name, _ in ids.most_common() if name)[:MAX_ENDED]
     return ask(put, recipients, request.model_copy(update={"ends": ends}), seconds, over, linked)
+
+
+def _strangers(put: Put, outcome: Outcome, mission: str, over: Callable[[], bool]) -> frozenset[str]:
+    """Return the robots that answered and run another mission than the one with this tag."""
+    if not mission or not outcome.answers or over():
+        return frozenset()
+    query = OperatorRequest(do="query", mission=mission)
+    known = ask(put, outcome.recipients, query, MISSION_TIME, over)
+    return frozenset(name for name, one in known.answers.items() if one.reply.code == "other-mission")
 
 
 def ask(

@@ -11,7 +11,7 @@ import pytest
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.order import Do, Mode, OperatorReply, OperatorRequest
+from formation.protocol.order import Code, Do, Mode, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Outcome, Recipients
 from formation.protocol.stops import MOTION, Rest
 from formation.stability import intent
@@ -212,6 +212,8 @@ class Robots:
         self.rests = {name: Rest() for name in names}
         self.received: list[OperatorRequest] = []
         self.silent: set[str] = set()
+        self.strangers: set[str] = set()
+        """Robots of another mission."""
         self.between: Callable[[], None] = lambda: None
         """Called between the query and the request after it."""
 
@@ -224,7 +226,8 @@ class Robots:
             if name in self.silent:
                 continue
             if request.do == "query":
-                answer = reply(name, mode="hold", stop=rest.stop, hold=rest.hold)
+                code: Code = "other-mission" if name in self.strangers and request.mission else ""
+                answer = reply(name, mode="hold", stop=rest.stop, hold=rest.hold, code=code)
             else:
                 result = rest.change(request, request.id)
                 answer = reply(name, ok=result.ok, mode=rest.mode or "run", code=result.code)
@@ -247,7 +250,27 @@ def test_release_and_run_are_preceded_by_a_query() -> None:
     for do, mode in (("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", None)):
         assert robots.give(do).obeyed
         assert robots.modes == [mode] * 3
-    assert [one.do for one in robots.received] == ["hold", "stop", "query", "release", "query", "run"]
+    assert [one.do for one in robots.received] == [
+        "hold", "query", "stop", "query", "query", "release", "query", "run"
+    ]  # fmt: skip
+
+
+def test_stop_names_no_mission_and_is_followed_by_query() -> None:
+    robots = Robots("leader", "a", "b")
+    robots.strangers, robots.silent = {"a"}, {"leader"}
+    outcome = robots.give("stop", seconds=0.3)
+    assert {(one.do, one.mission) for one in robots.received} == {("stop", ""), ("query", SIX.tag)}
+    assert (outcome.elsewhere, outcome.missing, outcome.obeyed) == (["a"], ["leader"], False)
+    assert robots.modes == [None, "stop", "stop"]
+    assert "another mission runs at a: name that one" in outcome.words()
+    assert outcome.report()["mission"] == SIX.tag
+
+
+def test_unanswered_stop_asks_for_no_mission() -> None:
+    robots = Robots("leader", "a")
+    robots.silent = {"leader", "a"}
+    assert robots.give("stop", seconds=0.3).elsewhere == []
+    assert {one.do for one in robots.received} == {"stop"}
 
 
 def test_repeated_release_leaves_all_robots_held() -> None:
