@@ -38,6 +38,9 @@ Exit code 0: the page is made; 2: it could not be.
 def main(arguments: Sequence[str]) -> int:
     """Make a report; return the exit code."""
     options = _options().parse_args(arguments)
+    if options.format and options.figures is None:
+        raise Refusal("--format: is of figures, which --figures DIR asks for")
+    options.format = options.format or ["png", "svg"]
     recordings = [_open(path) for path in (options.file, options.second) if path is not None]
     out = _out(options.out, recordings)
     with Bar("report") as bar:
@@ -162,7 +165,7 @@ def _options() -> argparse.ArgumentParser:
         "--figures", type=Path, metavar="DIR", help="write every figure into this folder, too"
     )
     options.add_argument(
-        "--format", type=_formats, default=["png", "svg"], metavar="F,...",
+        "--format", type=_formats, metavar="F,...",
         help="of these figures: png, svg, pdf (default png,svg)",
     )  # fmt: skip
     options.add_argument(

@@ -90,6 +90,7 @@ def test_cut_recording_is_reported_as_cut(
         (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
         (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "--figures"),
         (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
+        (["{run}", "--format", "pdf"], "--format: is of figures, which --figures DIR asks for"),
         (["{run}", "--until", "0"], "above 0"),
         ([], "FILE"),
     ],
