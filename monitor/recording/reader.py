@@ -24,6 +24,7 @@ from formation.monitor.recording.scan import (
     contents,
     damaged,
     ends_before,
+    first_records,
     footer,
     records,
     summary,
@@ -142,7 +143,7 @@ def about_of(path: Path) -> Mapping[str, str]:
         if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would wait for its other end
             raise UnreadableError(f"{path}: must be a file, is a pipe or a device")
         with path.open("rb") as file:
-            for record in records(file):
+            for record in first_records(file):
                 if record.opcode != Opcode.METADATA:
                     continue
                 found = understood(Metadata.read, record.body)

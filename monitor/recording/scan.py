@@ -34,6 +34,8 @@ MAX_EXPANSION_RATIO = 100
 """Largest ratio of a chunk's length to that of its packed form. The recorder's own chunks reach 10. A file
 made to keep its reader busy packs zeros 10,000 times; with this bound the time to read a file is
 proportional to its size."""
+MAX_SUMMARY_BYTES = 256 * 1024 * 1024
+"""Longest index that is read [bytes]. An hour of a hundred robots has some forty megabytes."""
 _HEAD = struct.Struct("<BQ")
 _TIMES = struct.Struct("<QQ")  # of the first and the last message of a chunk [ns]
 _CHUNK_PLACE = struct.Struct("<QQQ")  # of a chunk's index: first and last message [ns], its offset [bytes]
@@ -86,6 +88,13 @@ class Contents(NamedTuple):
     messages: list[Entry]
     unpacked: int
     """Length of the unpacked chunk [bytes]."""
+
+
+def first_records(file: IO[bytes]) -> Iterator[Record]:
+    """Yield every whole record from the start of `file`, up to the footer or the first invalid one."""
+    file.seek(0)
+    if file.read(len(MAGIC)) == MAGIC:
+        yield from _records_from(file, len(MAGIC))
 
 
 def records(file: IO[bytes]) -> Iterator[Record]:
@@ -186,9 +195,11 @@ def _is_summary_intact(file: IO[bytes]) -> bool:
     end = footer(file)
     if end is None or not end.summary_start or not end.summary_crc:
         return True
+    length = os.fstat(file.fileno()).st_size - end.summary_start - len(MAGIC) - _SUMMARY_CRC_BYTES
+    if length > MAX_SUMMARY_BYTES:
+        return False
     file.seek(end.summary_start)
-    data = file.read()[: -len(MAGIC) - _SUMMARY_CRC_BYTES]
-    return zlib.crc32(data) == end.summary_crc
+    return zlib.crc32(file.read(length)) == end.summary_crc
 
 
 def _chunk_starts(file: IO[bytes]) -> Sequence[int]:

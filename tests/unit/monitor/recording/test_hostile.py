@@ -117,6 +117,18 @@ def test_reading_ends_at_record_longer_than_memory(tmp_path: Path, opcode: Opcod
     assert recover(file, tmp_path / "out.mcap").unreadable > HUGE
 
 
+def test_index_longer_than_any_is_not_read(tmp_path: Path) -> None:
+    file, begin = tmp_path / "sparse.mcap", top()
+    with file.open("wb") as sparse:
+        sparse.write(begin)
+        sparse.truncate(len(begin) + HUGE)
+        sparse.seek(0, os.SEEK_END)
+        sparse.write(packed(Footer(len(begin), 0, 1)) + MAGIC)
+    condition = read(file).condition()
+    assert (condition.is_cut, condition.damaged) == (False, 1)
+    assert list(read(file).messages()) == []
+
+
 @pytest.mark.parametrize(
     ("about", "why"),
     [
