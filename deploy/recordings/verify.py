@@ -189,6 +189,8 @@ def _notes(ran: Ran) -> Iterator[str]:
     if ran.condition.words:
         yield f"the recording is {ran.condition.words}: commands that cannot be read are not compared"
     if ran.changed:
+        if ran.mission.name != ran.recording.mission.name:
+            yield f"the recording is of mission {ran.recording.mission.name}, not of {ran.mission.name}"
         if left_out := sorted(set(ran.recording.mission.followers) - set(ran.verdicts)):
             yield f"left out, because {ran.mission.name} has no such follower: {', '.join(left_out)}"
         return

@@ -125,6 +125,16 @@ def test_cut_recording_is_verified_to_its_end(file: Path, tmp_path: Path, capsys
     assert code == (2 if not result["compared"] else 0 if enough else verify.EXIT_TOO_FEW)
 
 
+def test_damaged_recording_gives_no_verdict_and_says_why(file: Path, tmp_path: Path, capsys: Capsys) -> None:
+    path, data = tmp_path / "damaged.mcap", bytearray(file.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 400] = bytes(400)
+    path.write_bytes(data)
+    code, text, result = verified(capsys, path)
+    assert code in {2, verify.EXIT_TOO_FEW}
+    assert result["least_share"] < verify.MIN_COMPARED_SHARE
+    assert "note: the recording is damaged in one place" in text
+
+
 def test_too_few_compared_commands_give_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
     key, begin = CMD_VEL.key("robot1"), recorded_run()[0][1]
     later = [i for i, (sample, wall) in enumerate(recorded_run()) if sample.key == key and wall > begin + 2.0]
@@ -218,7 +228,9 @@ def test_unreadable_recording_or_mission_is_refused(
 
 def test_verify_with_wrong_mission_names_unknown_robots(file: Path, capsys: Capsys) -> None:
     assert verify.main([str(file), "--verify", "--mission", "two_chains"]) == 2
-    assert "no such follower: robot1, robot2" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "no such follower: robot1, robot2" in text
+    assert "the recording is of mission turtlebot3-pair, not of two-chains" in text
 
 
 def test_missing_command_reports_difference_without_distance() -> None:
