@@ -182,9 +182,9 @@ class RobotBus:
         while not self._closing.is_set():
             try:
                 self._open()
-            except BusError as nobody:
+            except BusError as error:
                 if failures == 0:
-                    _log.log(self._level, "waiting for a router: %s", nobody)
+                    _log.log(self._level, "waiting for a router: %s", error)
                 failures += 1
                 self._closing.wait(REDIAL_PERIOD)
             except Exception:  # noqa: BLE001 - a thread that ended here would leave the robot without a link
