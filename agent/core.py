@@ -42,7 +42,8 @@ from formation.control.pipeline import (
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.model import Mission
-from formation.protocol import addressed, order
+from formation.protocol import order
+from formation.protocol.addressed import Addressee
 from formation.protocol.lateness import LATE_GAIN, bearable_gain, own_age_limit
 from formation.protocol.order import Code, OperatorRequest, PositionAttachment
 from formation.protocol.reasons import Code as ReasonCode
@@ -135,7 +136,7 @@ class Agent:
         self.perception = Perception(mission, robot) if mission.landmarks_of(robot) else None
         """Corrects its pose by what its scanner sees of neighbours; None for a robot that does not."""
         self._answers = Answers(mission, robot, self.others)
-        self._fence, self._addressee = Geofence(mission), addressed.Addressee(mission)
+        self._fence, self._addressee = Geofence(mission), Addressee(mission)
         self.orders = Orders(mission, votes=not readonly)
         self.tuning = Tuning(mission, robot, self.controller)
         self._slots = Slots(mission, robot)
@@ -312,11 +313,11 @@ class Agent:
         except BadMessage as bad:
             self.inbox.drop("order", bad)
             return self.latch.reply(ordered, ok=False, reason=str(bad))
-        mismatch = self._addressee.mismatch(request)
-        if mismatch and not addressed.is_obeyed_in_any_mission(request):
-            return addressed.noted(self.latch.reply(ordered, ok=False), mismatch)
-        answer = self.latch.request(request, received, ordered, self._unreached)
-        return addressed.noted(answer, mismatch) if mismatch else answer
+        return self._addressee.answer(
+            request,
+            lambda: self.latch.request(request, received, ordered, self._unreached),
+            lambda: self.latch.reply(ordered, ok=False),
+        )
 
     @property
     def _unreached(self) -> Code:

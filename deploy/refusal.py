@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 class Refusal(Exception):  # noqa: N818 - not an error of the program
@@ -13,10 +14,10 @@ def refused(what: str) -> Iterator[None]:
     """Turn system errors inside into a Refusal: a forbidden folder, a name that is too long."""
     try:
         yield
-    except (FileExistsError, NotADirectoryError) as error:
-        raise Refusal(f"{what}: {error.filename} is there, and is no folder") from None
     except OSError as error:
-        raise Refusal(f"{what}: {error.strerror}") from None
+        blocked = isinstance(error, FileExistsError) and Path(error.filename).is_file()
+        why = f"{error.filename} is a file, and no folder" if blocked else error.strerror
+        raise Refusal(f"{what}: {why}") from None
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from formation.leader.driving import token
 from formation.leader.plan import Plan
-from formation.protocol import addressed, order
+from formation.protocol import order
 from formation.protocol.addressed import Addressee
 from formation.protocol.election import REPORT_TIME, CandidacyState
 from formation.protocol.order import Mode, OperatorReply, OperatorRequest, mixed
@@ -70,11 +70,9 @@ class OperatorRequests:
 
     def answer(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request, which takes effect with the next step; `received` [s, monotonic]."""
-        mismatch = self._addressee.mismatch(request)
-        if mismatch and not addressed.is_obeyed_in_any_mission(request):
-            return addressed.noted(self.reply(ok=False), mismatch)
-        answer = self._own_answer(request, received)
-        return addressed.noted(answer, mismatch) if mismatch else answer
+        return self._addressee.answer(
+            request, lambda: self._own_answer(request, received), lambda: self.reply(ok=False)
+        )
 
     def _own_answer(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request for this mission, or for any."""

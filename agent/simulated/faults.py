@@ -94,10 +94,15 @@ def parse(
         raise ValueError(f"{text!r}: SIZE must be finite")
     robot = found["robot"]
     if robot in mission.followers and not concerns(kind, mission.robots[robot]):
-        able = [name for name in mission.followers if concerns(kind, mission.robots[name])]
-        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission has one"
+        legal = legal_robots(mission, lambda spec: concerns(kind, spec))
         raise ValueError(f"{text!r}: {robot} has no sensor for {kind}; {legal}")
     return Fault(robot, kind, size, since, lasts)
+
+
+def legal_robots(mission: Mission, able: Callable[[RobotSpec], bool]) -> str:
+    """Name the followers of `mission` that are `able` to have a fault, in words."""
+    names = [name for name in mission.followers if able(mission.robots[name])]
+    return f"must be {' or '.join(names)}" if names else "no robot of the mission has one"
 
 
 def concerns(kind: str, spec: RobotSpec) -> bool:

@@ -119,9 +119,8 @@ def parse(text: str, mission: Mission) -> Fault:
     if fault.robot not in names:
         raise ValueError(f"{text!r}: {fault.robot}: must be one of {', '.join(names)}")
     if fault.kind == "restart" and not _concerns(fault.kind, mission.robots[fault.robot]):
-        able = [name for name in mission.followers if _concerns(fault.kind, mission.robots[name])]
-        legal = f"must be {' or '.join(able)}" if able else "no robot of the mission does"
-        raise ValueError(f"{text!r}: the odometry of {fault.robot} does not count from its start; {legal}")
+        legal = sensed.legal_robots(mission, lambda spec: _concerns(fault.kind, spec))
+        raise ValueError(f"{text!r}: {fault.robot} has no odometry that counts from its start; {legal}")
     return fault
 
 

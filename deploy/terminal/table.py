@@ -71,9 +71,9 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
         table.add_column(Text(title), justify=side, no_wrap=True, min_width=COLUMNS[title])
     footer = _footer(progress, snapshot, width, ascii_only=ascii_only)
     names, left_out = _chosen(progress, snapshot, max(1, height - 3 - len(footer)))
+    title_room = width - _width(columns) + COLUMNS["robot"]
     for name in names:
-        room = width - _width(columns) + COLUMNS["robot"]
-        cells = _row(progress, snapshot, name, room, ascii_only=ascii_only)
+        cells = _row(progress, snapshot, name, title_room, ascii_only=ascii_only)
         table.add_row(*(cells[title] for title in columns))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
     room = height - 3 - len(names) - bool(left_out) - len(footer)

@@ -7,6 +7,8 @@ and sent without naming one, so that robots of an earlier version understand the
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from formation.control.laws import LAWS
 from formation.mission.model import Mission
 from formation.protocol import order
@@ -25,21 +27,18 @@ class Addressee:
     def __init__(self, mission: Mission) -> None:
         self._name, self._tag, self._tags = mission.name, mission.tag, tags_of(mission)
 
-    def mismatch(self, request: OperatorRequest) -> str:
-        """Return in words that `request` is for another mission; empty if it is not, or states none."""
+    def answer(
+        self, request: OperatorRequest, obey: Callable[[], bytes], refuse: Callable[[], bytes]
+    ) -> bytes:
+        """Return ``obey()``; for another mission with a note, and ``refuse()`` if it would move robots.
+
+        A request that states no mission is for any.
+        """
         if not request.mission or request.mission in self._tags:
-            return ""
-        return f"runs mission {self._name} ({self._tag}), not the one of this order ({request.mission})"
-
-
-def is_obeyed_in_any_mission(request: OperatorRequest) -> bool:
-    """Whether robots of another mission than the operator's obey."""
-    return request.do == "query" or request.do in RESTS
-
-
-def noted(answer: bytes, mismatch: str) -> bytes:
-    """Return an encoded answer with the note that it comes from a process of another mission."""
-    reply = order.decode(OperatorReply, answer)
-    reason = order.shortened("; ".join(filter(None, (mismatch, reply.reason))))
-    code = reply.code or "other-mission"
-    return order.encode(reply.model_copy(update={"reason": reason, "code": code}))
+            return obey()
+        rests = request.do == "query" or request.do in RESTS
+        reply = order.decode(OperatorReply, obey() if rests else refuse())
+        note = f"runs mission {self._name} ({self._tag}), not the one of this order ({request.mission})"
+        reason = order.shortened("; ".join(filter(None, (note, reply.reason))))
+        code = reply.code or "other-mission"
+        return order.encode(reply.model_copy(update={"reason": reason, "code": code}))

@@ -203,15 +203,15 @@ def _is_summary_intact(file: IO[bytes]) -> bool:
 
 
 def _chunk_starts(file: IO[bytes]) -> Sequence[int]:
-    """Return the offsets of all chunks and of the index itself, in order; empty without a checksum."""
+    """Return the offsets of all chunks and of the index itself, in order; empty unless its checksum holds."""
     end = footer(file)
-    if end is None or not end.summary_crc or not end.summary_start:
+    if end is None or not end.summary_crc:
         return ()
     heads = (
         record.body[: _CHUNK_PLACE.size] for record in summary(file) if record.opcode == Opcode.CHUNK_INDEX
     )
     chunks = array("Q", (_CHUNK_PLACE.unpack(head)[2] for head in heads if len(head) == _CHUNK_PLACE.size))
-    return array("Q", sorted({*chunks, end.summary_start})) if _is_summary_intact(file) else ()
+    return array("Q", sorted({*chunks, end.summary_start})) if chunks else ()
 
 
 def _records_from(file: IO[bytes], at: int, starts: Sequence[int] = ()) -> Iterator[Record]:

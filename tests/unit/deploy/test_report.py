@@ -83,7 +83,7 @@ def test_cut_recording_is_reported_as_cut(
         (["{run}", "{text}"], "is no recording that `formation` made"),
         (["{run}", "-o", "{run}"], "is the recording itself; name another file"),
         (["{run}", "-o", "{folder}"], "is a folder; name a file"),
-        (["{run}", "-o", "{text}/page.html"], "cannot be written"),
+        (["{run}", "-o", "{text}/page.html"], "text.txt is a file, and no folder"),
         (["{run}", "-o", "{mission}"], "wedge_5.toml: must end in .html"),
         (["{run}", "-o", "{text}"], "text.txt: must end in .html"),
         (["{run}", "-o", "{other}"], "home.html: is there already, and is no report; name another file"),
