@@ -129,7 +129,7 @@ def notices(run: Run) -> Iterator[str]:
     if run.condition.words:
         yield (
             f"This recording is {run.condition.words}. What can be read of it spans"
-            f" {words.lasting(run.duration)}; what is missing counts nowhere in this report."
+            f" {words.lasting(run.duration)}; messages that it lacks count as missed."
         )
     if not run.messages:
         return
