@@ -129,7 +129,7 @@ def notices(run: Run) -> Iterator[str]:
     if run.condition.words:
         yield (
             f"This recording is {run.condition.words}. What can be read of it spans"
-            f" {words.lasting(run.duration)}; messages that it lacks count as missed."
+            f" {words.lasting(run.duration)}; what a gap in it lacks counts as missed."
         )
     if not run.messages:
         return
