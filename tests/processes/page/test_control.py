@@ -50,6 +50,11 @@ class Team:
             self.changed.notify_all()
         return question
 
+    @property
+    def sent(self) -> list[str]:
+        """What the requests received so far ask for, in the order of sending."""
+        return [decode(OperatorRequest, payload.encode()).do for payload in self.received]
+
     def close(self) -> None:
         self.closed = True
 
@@ -169,13 +174,14 @@ def test_release_is_not_repeated_after_newer_stop(
     operator.order("stop")
     team.away = {"robot6"}
     release = start_order(pages, operator, team, "release")
+    team.wait_for(lambda: "release" in team.sent)  # not only the query before it
     stop = start_order(pages, operator, team, "stop")
     team.away = set()
     assert stop.result(20.0)["missing"] == []
     assert "robot6" in release.result(20.0)["missing"]
     assert set(team.latch_modes().values()) == {"stop"}
-    first = team.received.index(team.received[-1])
-    assert set(team.received[first:]) == {team.received[-1]}  # nothing else is sent after the stop
+    newer_stop = team.sent.index("stop", team.sent.index("release"))
+    assert "release" not in team.sent[newer_stop:]
 
 
 def test_release_is_refused_while_stop_is_being_sent(
