@@ -26,6 +26,12 @@ MAX_DRAWN_SECONDS = 10.0
 """A drawn fault lasts at most this long [s]."""
 MAX_DRAWN_FAULTS = 5
 """Most faults that are drawn for one run."""
+SECOND_RUN_TIME = 10.0
+"""Time after the last fault at which an operator orders run again [s].
+
+A hold or a stop that arrives again or late is in force again: robots obey it whenever they receive it. The
+longest that a fault keeps a message is 8 s.
+"""
 
 
 class Kind(NamedTuple):
@@ -109,6 +115,8 @@ KINDS: Mapping[str, Kind] = {
     **INSIDERS,
     **SENSORS,
 }
+DISTURBING = frozenset({*NETWORK, *PROCESSES})
+"""Kinds of faults under which an operator's request may arrive after a newer one."""
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 
@@ -183,6 +191,10 @@ def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
             fleet.engine.at(fault.since, begin)
             if fault.lasts < math.inf:
                 fleet.engine.at(fault.since + fault.lasts, end)
+    finite = [one for one in faults if one.lasts < math.inf]
+    if any(one.kind in OPERATOR for one in finite) and any(one.kind in DISTURBING for one in finite):
+        last = max(one.since + one.lasts for one in finite)
+        fleet.engine.at(last + SECOND_RUN_TIME, operator.set_going)
 
 
 def _actions(

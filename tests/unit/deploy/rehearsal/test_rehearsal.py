@@ -13,7 +13,7 @@ from formation.agent.simulated.faults import Fault
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.faults import INSIDERS, KINDS, draw, parse, spelled
+from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SECOND_RUN_TIME, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
 from formation.deploy.rehearsal.rules.judge import RULES
@@ -100,6 +100,21 @@ def test_parse_of_illegal_fault_names_legal_values(text: str, why: str) -> None:
 def test_formation_rule_is_not_judged_after_endless_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 5.0)
     assert not breaks(rehearsed("leader:kill@3", mission=PAIR), "formation")
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("robot1:stop@22.5+7.5", "leader:reset@25+6.2"),  # the stop reaches the leader after its release
+        pytest.param(("robot1:waver@18.3+5.5", "robot2:again=2.6@18.5+6.4"), marks=pytest.mark.slow),
+    ],
+)
+def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str, ...]) -> None:
+    verdict = rehearsed(*texts, mission=PAIR, seed=50001)
+    last = max(one.since + one.lasts for one in verdict.faults)
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
+    assert verdict.settled_at > last + SECOND_RUN_TIME
 
 
 def test_stated_position_noise_does_not_break_hold_rule() -> None:
