@@ -42,12 +42,12 @@ from formation.control.pipeline import (
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.protocol.addressed import Addressee
+from formation.protocol.attachment import PositionAttachment
 from formation.protocol.lateness import LATE_GAIN, bearable_gain, own_age_limit
-from formation.protocol.order import Code, OperatorRequest, PositionAttachment
-from formation.protocol.reasons import Code as ReasonCode
-from formation.protocol.reasons import Reason
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.request import OperatorRequest, ReplyCode
 from formation.protocol.status import AgentState, MotionFault
 from formation.protocol.status_codec import to_message
 from formation.ros2.messages import Pose, encode
@@ -173,7 +173,7 @@ class Agent:
             commander=self.commander.state,
             latch=self.latch.state,
             inbox=self.inbox.state,
-            decision=Decision(AgentState.WAITING, Reason(ReasonCode.STARTED)),
+            decision=Decision(AgentState.WAITING, Reason(Code.STARTED)),
         )
 
     @property
@@ -301,7 +301,7 @@ class Agent:
         """
         self.latch.state.rest.stop, self.state.decision = (
             HALTED,
-            Decision(AgentState.STOP, Reason.of(ReasonCode.ENDED, cause=reason)),
+            Decision(AgentState.STOP, Reason.of(Code.ENDED, cause=reason)),
         )
         return chain(self.commander.leave(now), map(self._status, (now,)))
 
@@ -309,7 +309,7 @@ class Agent:
         """Answer a request received at `received` [s, monotonic]; it takes effect in the next step."""
         ordered = self.orders.newest.mode if self.orders.newest else "hold"
         try:
-            request = order.decode(OperatorRequest, data)
+            request = json_message.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.inbox.drop("order", bad)
             return self.latch.reply(ordered, ok=False, reason=str(bad))
@@ -320,7 +320,7 @@ class Agent:
         )
 
     @property
-    def _unreached(self) -> Code:
+    def _unreached(self) -> ReplyCode:
         """Why commands do not reach the robot; empty if they do, or if unknown."""
         if self.readonly:
             return "readonly"
@@ -484,7 +484,7 @@ class Agent:
             received=self._answers.next_named(),
         )
         pose = Pose(self.here.stream.state.stamp, self.here.state.position, self.here.heading)
-        return Outgoing(self._position_key, encode(pose), order.encode(attachment))
+        return Outgoing(self._position_key, encode(pose), json_message.encode(attachment))
 
     def _status(self, now: Now) -> Outgoing:
         return Outgoing(self._status_key, encode(to_message(status(self, now), now.wall)))

@@ -23,8 +23,10 @@ from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import Scanner
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import LEADER_TIMEOUT_SECONDS, MAX_REASON_CHARS, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS
+from formation.protocol.request import MAX_REASON_CHARS
 from formation.ros2.messages import LaserScan, Odometry, Pose, decode
 from formation.slots.geofence import Geofence
 from formation.topics import ODOM, POSE, POSITION, SCAN
@@ -158,7 +160,7 @@ class Inbox:
         self, neighbour: Neighbour, orders: Orders, answers: Answers, sample: Sample, now: Now
     ) -> None:
         pose = decode(Pose, sample.payload)
-        attachment = order.decode(PositionAttachment, sample.attachment or b"")
+        attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         neighbour.check_mission(attachment.mission, sample.arrived)
         if self._spec.measurement != "local":
             neighbour.stream.check_late(pose.stamp, sample.arrived)  # before any of it is used
@@ -193,7 +195,7 @@ class Inbox:
 def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) -> None:
     """Use the position of a robot that is only avoided, and none of the orders that it relays."""
     pose = decode(Pose, sample.payload)
-    attachment = order.decode(PositionAttachment, sample.attachment or b"")
+    attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
     other.check_mission(attachment.mission, sample.arrived)
     other.stream.check_late(pose.stamp, sample.arrived)
     other.publisher.admit(attachment, sample.arrived, 0)

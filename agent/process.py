@@ -22,8 +22,8 @@ from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence, Taken
 from formation.agent.persistence.trace import Link, Trace
 from formation.agent.status import Surroundings
-from formation.protocol import order
-from formation.protocol.order import OperatorReply
+from formation.protocol import json_message
+from formation.protocol.request import OperatorReply
 from formation.ros2.messages import Number, decode
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, BALLOT, CMD_VEL, ORDER, POSITION, SCAN, STATUS
@@ -222,8 +222,8 @@ class Sides:
 
 def _unsaved(reply: bytes) -> bytes:
     """Return the same answer, with a warning that a restart may undo it."""
-    decoded = order.decode(OperatorReply, reply)
-    return order.encode(decoded.model_copy(update={"reason": UNSAVED})) if decoded.ok else reply
+    decoded = json_message.decode(OperatorReply, reply)
+    return json_message.encode(decoded.model_copy(update={"reason": UNSAVED})) if decoded.ok else reply
 
 
 def drive(

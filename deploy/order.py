@@ -23,8 +23,8 @@ from formation.mission.file import (
     read,
 )
 from formation.mission.model import Mission
-from formation.protocol.order import TAKES, OperatorRequest
 from formation.protocol.outcome import Outcome
+from formation.protocol.request import TAKES, OperatorRequest
 from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from formation.mission.model import Mission
+from formation.protocol.attachment import Ballot, PositionAttachment, Refusal, check_mission
 from formation.protocol.election import (
     CAMPAIGN_TIME,
     LEADERLESS_TIME,
@@ -26,14 +27,7 @@ from formation.protocol.election import (
     too_far,
 )
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
-from formation.protocol.order import (
-    LEADER_TIMEOUT_SECONDS,
-    Ballot,
-    Order,
-    PositionAttachment,
-    Refusal,
-    check_mission,
-)
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Order
 from formation.wire import BadMessage, Now
 
 

@@ -23,18 +23,12 @@ from formation.leader.plan import Plan
 from formation.leader.reports import OperatorRequests, Seat, status
 from formation.leader.route import NamedRoute
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message, order
 from formation.protocol.addressed import Addressee
+from formation.protocol.attachment import Ballot, PositionAttachment
 from formation.protocol.election import begun, expiry, rank_of, without_absurd_terms
-from formation.protocol.order import (
-    LEADER_TIMEOUT_SECONDS,
-    Ballot,
-    Mode,
-    OperatorRequest,
-    Order,
-    PositionAttachment,
-    newer,
-)
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Mode, Order, newer
+from formation.protocol.request import OperatorRequest
 from formation.protocol.status_codec import to_message
 from formation.ros2.messages import Pose, Text, decode, encode
 from formation.slots.geofence import Geofence
@@ -239,7 +233,7 @@ class Leader:
     def request(self, data: bytes, received: float) -> bytes:
         """Answer a request; it takes effect with the next step. `received` is its arrival [s, monotonic]."""
         try:
-            request = order.decode(OperatorRequest, data)
+            request = json_message.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
             return self.operator_requests.reply(ok=False, reason=str(bad))
@@ -263,7 +257,7 @@ class Leader:
         if sample.key in self._followers:
             self._take_position(self._followers[sample.key], sample, now)
         elif sample.key in self._ballots:
-            ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+            ballot = json_message.decode(Ballot, decode(Text, sample.payload).text.encode())
             self.candidacy.receive_ballot(ballot, self._ballots[sample.key], sample.arrived, now)
         elif sample.key in self._routes:
             if self.plan.learn(NamedRoute.read(sample.payload)) and self._leads:
@@ -273,7 +267,7 @@ class Leader:
 
     def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
-        attachment = order.decode(PositionAttachment, sample.attachment or b"")
+        attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         if attachment.mission != self.mission.tag:
             self.mixed[robot] = attachment.mission, sample.arrived
         attachment = without_absurd_terms(attachment, now)
@@ -407,7 +401,7 @@ class Leader:
     def _voted(self, ballot: Ballot | None) -> list[Outgoing]:
         if ballot is None:
             return []
-        return [Outgoing(BALLOT.key(self.name), encode(Text(order.encode(ballot).decode())))]
+        return [Outgoing(BALLOT.key(self.name), encode(Text(json_message.encode(ballot).decode())))]
 
     def _route_message(self) -> list[Outgoing]:
         payload = self.plan.route.payload
@@ -443,11 +437,11 @@ class Leader:
             replaced = {"order": None, "certificate": self._signer.certificate, "term": self.term}
             attachment = attachment.model_copy(update=replaced)
         elif self._signer is not None:
-            text = order.encode(self._newest).decode()
+            text = json_message.encode(self._newest).decode()
             signature = self._signer.sign(order.statement(self.mission.fingerprint, text))
             attachment = attachment.model_copy(update={"signed": text, "signature": signature})
         pose = Pose(now.wall, self.plan.where(), self.plan.route.heading(self.route_time))
-        return Outgoing(POSITION.key(self.mission.leader), encode(pose), order.encode(attachment))
+        return Outgoing(POSITION.key(self.mission.leader), encode(pose), json_message.encode(attachment))
 
     def _status(self, now: Now, reason: str) -> Outgoing:
         return Outgoing(STATUS.key(self.name), encode(to_message(status(self, now, reason), now.wall)))

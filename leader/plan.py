@@ -16,17 +16,11 @@ from formation.leader.route import DRIVEN, NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
 from formation.mission.route import Straight
-from formation.protocol.order import (
-    MAX_SIGNED_BYTES,
-    Mode,
-    Motion,
-    OperatorRequest,
-    Order,
-    Slots,
-    Tuned,
-    encode,
-)
+from formation.protocol.attachment import MAX_SIGNED_BYTES
+from formation.protocol.json_message import encode
+from formation.protocol.order import Mode, Motion, Order, Slots, Tuned
 from formation.protocol.reasons import Code, Reason
+from formation.protocol.request import OperatorRequest
 from formation.protocol.stops import MOTION, Rest, Result
 from formation.slots.geofence import LENGTH_TOLERANCE, Breach, Geofence
 from formation.slots.shape import PlacedShape

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from formation.leader.driving import token
 from formation.leader.plan import Plan
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.protocol.addressed import Addressee
+from formation.protocol.attachment import mixed
 from formation.protocol.election import REPORT_TIME, CandidacyState
-from formation.protocol.order import Mode, OperatorReply, OperatorRequest, mixed
+from formation.protocol.order import Mode
 from formation.protocol.reasons import Code, Reason
+from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode, shortened
 from formation.protocol.status import AnsweredRequest, LeaderState, LeaderStatus
 from formation.protocol.stops import Once, Result
 from formation.wire import Now
@@ -95,8 +97,8 @@ class OperatorRequests:
             lambda reason: self._note(request, Result(ok=False, reason=reason)),
         )
         # a repeated request is answered with whether it leads by now
-        known = order.decode(OperatorReply, answer)
-        return order.encode(known.model_copy(update={"leads": self._seat().leads}))
+        known = json_message.decode(OperatorReply, answer)
+        return json_message.encode(known.model_copy(update={"leads": self._seat().leads}))
 
     def requests(self) -> tuple[AnsweredRequest, ...]:
         """Return the requests for the next status; each stays for `STATUS_REPEATS` more."""
@@ -105,17 +107,17 @@ class OperatorRequests:
         return tuple(one for one, _ in requests)
 
     def reply(
-        self, *, ok: bool, reason: str = "", code: order.Code = "", stop: str = "", hold: str = "",
+        self, *, ok: bool, reason: str = "", code: ReplyCode = "", stop: str = "", hold: str = "",
         token: int = 0,
     ) -> bytes:  # fmt: skip
         """Return the reply, encoded."""
         seat = self._seat()
-        return order.encode(
+        return json_message.encode(
             OperatorReply(
                 robot=self._name,
                 ok=ok,
                 mode=seat.mode,
-                reason=order.shortened(reason),
+                reason=shortened(reason),
                 leads=seat.leads,
                 code=code,
                 stop=stop,

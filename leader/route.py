@@ -17,7 +17,8 @@ from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.mission.model import Mission
 from formation.mission.route import Arc, Leg, Route
-from formation.protocol.order import MAX_MOTION_SECONDS, Legs, Motion, Number, Place, Steady
+from formation.protocol.order import MAX_MOTION_SECONDS, Motion, Number, Place, Steady
+from formation.protocol.request import Legs
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
 

@@ -22,7 +22,8 @@ from formation.agent.pose.estimator import START_HEADING_TIME
 from formation.agent.safety.failsafe import Decision
 from formation.control.tracker import longest_delay
 from formation.mission.model import Mission
-from formation.protocol.order import Order, ReceivedPosition
+from formation.protocol.attachment import ReceivedPosition
+from formation.protocol.order import Order
 from formation.protocol.status import AgentState
 
 MAX_ANSWER_DELAYS = 3.0

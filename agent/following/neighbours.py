@@ -28,8 +28,8 @@ from formation.control.trust import GREATEST_WEIGHT, believed, weight
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
+from formation.protocol.attachment import check_mission
 from formation.protocol.lateness import Trust, trusted
-from formation.protocol.order import check_mission
 from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import Displacement, Pose, decode
 from formation.stability.losses import leads

@@ -30,10 +30,11 @@ from formation.agent.following.publisher import rises
 from formation.agent.pose.stream import TooLateError
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot
 from formation.protocol.election import Voter, VoterState, begun, check_term, expiry
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
-from formation.protocol.order import MAX_MOTION_SECONDS, Ballot, Order, newer
+from formation.protocol.order import MAX_MOTION_SECONDS, Order, newer
 from formation.ros2.messages import Text, decode
 from formation.slots.geofence import Geofence
 from formation.slots.shape import check_shape
@@ -100,7 +101,7 @@ class Orders:
         return {BALLOT.key(name): partial(self._take_ballot, name) for name in self._candidates}
 
     def _take_ballot(self, candidate: str, sample: Sample, now: Now) -> None:
-        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+        ballot = json_message.decode(Ballot, decode(Text, sample.payload).text.encode())
         self.voter.receive(ballot, candidate, sample.arrived, now)
 
     @property

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from formation.control.tracker import FRESH_PERIODS
-from formation.protocol.order import PositionAttachment
+from formation.protocol.attachment import PositionAttachment
 from formation.wire import BadMessage
 
 MAX_COUNT_LEAP = 1.0

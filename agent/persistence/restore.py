@@ -38,7 +38,8 @@ from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.sources import ExternalPoseState
 from formation.agent.safety.latch import LatchState
 from formation.protocol.election import check_term
-from formation.protocol.order import MAX_GAIN, MIN_GAIN, Id, Mode, Name
+from formation.protocol.json_message import Id, Name
+from formation.protocol.order import MAX_GAIN, MIN_GAIN, Mode
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.stops import Once, Rest
 from formation.ros2.messages import Odometry, Pose, decode

@@ -31,7 +31,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from formation.agent.core import Agent
 from formation.agent.persistence.state import RESTORED, Json, Restored, dump, explained
-from formation.protocol.order import MAX_REQUEST_BYTES
+from formation.protocol.request import MAX_REQUEST_BYTES
 from formation.ros2.messages import MAX_PAYLOAD_BYTES
 from formation.ros2.ros_names import address
 from formation.wire import Now, Sample

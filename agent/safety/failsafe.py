@@ -10,7 +10,8 @@ from types import MappingProxyType
 from typing import NamedTuple, cast
 
 from formation.agent.pose.motion_check import MIN_MOTION_SHARE, Disagreement
-from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Mode, Order, mixed
+from formation.protocol.attachment import mixed
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Mode, Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, MotionFault
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from formation.protocol import order
-from formation.protocol.order import Code, Mode, OperatorReply, OperatorRequest, shortened
+from formation.protocol import json_message
+from formation.protocol.order import Mode
 from formation.protocol.reasons import Reason
+from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode, shortened
 from formation.protocol.stops import MOTION, RESTS, Once, Rest
 
 HALTED = "halted"
@@ -42,7 +43,7 @@ class Latch:
         return self.state.rest.mode
 
     def request(
-        self, request: OperatorRequest, received: float, ordered: Mode, unreached: Code = ""
+        self, request: OperatorRequest, received: float, ordered: Mode, unreached: ReplyCode = ""
     ) -> bytes:
         """Answer a request received at `received` [s, monotonic]; `ordered` is the leader's mode.
 
@@ -76,12 +77,12 @@ class Latch:
         *,
         ok: bool,
         reason: str = "",
-        code: Code = "",
+        code: ReplyCode = "",
         stop: str = "",
         hold: str = "",
     ) -> bytes:
         """Encode the operator's answer."""
-        return order.encode(
+        return json_message.encode(
             OperatorReply(
                 robot=self._robot,
                 ok=ok,

@@ -12,7 +12,7 @@ from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorRequest
+from formation.protocol.request import OperatorRequest
 from formation.ros2.messages import Path, Pose, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.topics import ORDER
 from formation.wire import BadMessage
 
@@ -53,7 +54,7 @@ class Remote:
         """Return keys and payload of the next request, at `now` [s, monotonic]: forward [m/s; rad/s]."""
         reply, late = self.state.reply, now - self.state.answered > DRIVE_TIMEOUT_SECONDS
         receivers = self._candidates if reply is None or late else (reply.robot,)
-        payload = order.encode(
+        payload = json_message.encode(
             OperatorRequest(
                 do="drive",
                 forward=forward,
@@ -69,7 +70,7 @@ class Remote:
         """Take the replies at `now` to a request sent at `sent` [s, monotonic]; only the leader's counts."""
         for payload in replies:
             try:
-                reply = order.decode(OperatorReply, payload)
+                reply = json_message.decode(OperatorReply, payload)
             except BadMessage:
                 continue
             if not reply.leads or reply.robot not in self._candidates:

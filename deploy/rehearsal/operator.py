@@ -8,7 +8,8 @@ from typing import Any
 
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorRequest, decode, encode
+from formation.protocol.json_message import decode, encode
+from formation.protocol.request import MAX_ENDED, Do, OperatorReply, OperatorRequest
 from formation.topics import ORDER
 from formation.transport.asking import ENDING, EVERYONE
 

@@ -12,8 +12,9 @@ import hmac
 from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.topics import POSITION
 from formation.transport.security.signing import BadSignature, Certified, key_id_of
 from formation.transport.security.verifying import Verifier
@@ -92,7 +93,7 @@ class Insider:
         if self._recorded is None and attachment.order.mode == "run":
             self._recorded = attachment
         self._count += 1
-        return out._replace(attachment=order.encode(self._forged(attachment, attachment.order)))
+        return out._replace(attachment=json_message.encode(self._forged(attachment, attachment.order)))
 
     def _forged(self, attachment: PositionAttachment, true: Order) -> PositionAttachment:
         run = {"mode": "run", "base_mode": "run", "holding": False}
@@ -114,7 +115,9 @@ class Insider:
         return _with_order_of(attachment, self._recorded or attachment)
 
     def _signature(self, forged: Order) -> str:
-        return self._own.sign(order.statement(self._mission.fingerprint, order.encode(forged).decode()))
+        return self._own.sign(
+            order.statement(self._mission.fingerprint, json_message.encode(forged).decode())
+        )
 
 
 class Replayer:
@@ -139,12 +142,14 @@ class Replayer:
         if self._next is None or self._next >= len(self._recorded):
             return out
         old, self._next = self._recorded[self._next], self._next + 1
-        return out._replace(attachment=order.encode(_with_order_of(attachment, old)))
+        return out._replace(attachment=json_message.encode(_with_order_of(attachment, old)))
 
 
 def _relayed(out: Outgoing, key: str) -> PositionAttachment | None:
     """The attachment with the order that `out` relays, if it is a position of this `key`."""
-    return order.decode(PositionAttachment, out.attachment) if out.key == key and out.attachment else None
+    return (
+        json_message.decode(PositionAttachment, out.attachment) if out.key == key and out.attachment else None
+    )
 
 
 def _with_order_of(attachment: PositionAttachment, old: PositionAttachment) -> PositionAttachment:
@@ -155,7 +160,7 @@ def _with_order_of(attachment: PositionAttachment, old: PositionAttachment) -> P
 
 def _with(attachment: PositionAttachment, forged: Order, signature: str) -> PositionAttachment:
     return attachment.model_copy(
-        update={"order": forged, "signed": order.encode(forged).decode(), "signature": signature}
+        update={"order": forged, "signed": json_message.encode(forged).decode(), "signature": signature}
     )
 
 

@@ -16,8 +16,8 @@ from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rules.commands import command_in
 from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
-from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.stability import intent
 from formation.topics import CMD_VEL
 from formation.transport import asking

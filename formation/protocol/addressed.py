@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 from formation.control.laws import LAWS
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.request import OperatorReply, OperatorRequest, shortened
 from formation.protocol.stops import RESTS
 
 
@@ -37,8 +37,8 @@ class Addressee:
         if not request.mission or request.mission in self._tags:
             return obey()
         rests = request.do == "query" or request.do in RESTS
-        reply = order.decode(OperatorReply, obey() if rests else refuse())
+        reply = json_message.decode(OperatorReply, obey() if rests else refuse())
         note = f"runs mission {self._name} ({self._tag}), not the one of this order ({request.mission})"
-        reason = order.shortened("; ".join(filter(None, (note, reply.reason))))
+        reason = shortened("; ".join(filter(None, (note, reply.reason))))
         code = reply.code or "other-mission"
-        return order.encode(reply.model_copy(update={"reason": reason, "code": code}))
+        return json_message.encode(reply.model_copy(update={"reason": reason, "code": code}))

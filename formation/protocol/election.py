@@ -65,7 +65,7 @@ from typing import Literal
 
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
-from formation.protocol.order import Ballot, PositionAttachment, Refusal, check_mission
+from formation.protocol.attachment import Ballot, PositionAttachment, Refusal, check_mission
 from formation.wire import BadMessage, Now
 
 RENEWAL_PERIOD = 0.1

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from formation.protocol.order import TAKES, UNREACHED, OperatorReply, OperatorRequest
+from formation.protocol.request import TAKES, UNREACHED, OperatorReply, OperatorRequest
 
 UNDONE = {"stop": "NOT STOPPED", "hold": "NOT HELD"}
 """Description of a robot that a request does not reach."""

@@ -14,8 +14,10 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 from pydantic import BeforeValidator, Field, PlainValidator, StringConstraints
 
 from formation.control.zones import Zone
-from formation.protocol.order import OperatorRequest, Refusal, decode
+from formation.protocol.attachment import Refusal
+from formation.protocol.json_message import decode
 from formation.protocol.reasons import MAX_ENTRIES, MAX_NUMBER, MAX_TEXT_CHARS, Reason
+from formation.protocol.request import OperatorRequest
 
 MAX_REQUESTS_CHARACTERS = 45_000
 """Greatest size of an operator's requests to a leader: the longest route, and more if it fits

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.protocol.order import Code, Mode, OperatorRequest
+from formation.protocol.order import Mode
+from formation.protocol.request import OperatorRequest, ReplyCode
 
 MOTION = frozenset({"stop", "hold", "release", "run"})
 """Requests that change what is in force. Each robot and each candidate accepts them."""
@@ -33,7 +34,7 @@ class Result(NamedTuple):
 
     ok: bool
     reason: str = ""
-    code: Code = ""
+    code: ReplyCode = ""
 
 
 @dataclass(slots=True)

@@ -17,7 +17,9 @@ from pydantic import ValidationError
 from formation.control.arrays import ComplexArray
 from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Route, Straight
-from formation.protocol.order import MAX_REQUEST_BYTES, TAKES, Do, OperatorRequest, Tuned, encode
+from formation.protocol.json_message import encode
+from formation.protocol.order import Tuned
+from formation.protocol.request import MAX_REQUEST_BYTES, TAKES, Do, OperatorRequest
 from formation.slots.geofence import Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability import tuning
@@ -35,7 +37,7 @@ MAX_SCALE = 1e3
 def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
     """A request with its own id. Raises ValueError for an invalid one; the text names the legal ones.
 
-    `what` are its fields, see `formation.protocol.order.TAKES`. The leader may refuse more, as it knows
+    `what` are its fields, see `formation.protocol.request.TAKES`. The leader may refuse more, as it knows
     the figure.
     """
     legal = [one for one in get_args(Do) if one not in {"query", "drive"}]

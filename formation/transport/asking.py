@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import MAX_ENDED, OperatorReply, OperatorRequest
+from formation.protocol import json_message
 from formation.protocol.outcome import Answer, Outcome, Recipients
+from formation.protocol.request import MAX_ENDED, OperatorReply, OperatorRequest
 from formation.protocol.stops import RESTS
 from formation.topics import ORDER
 from formation.transport.mailbox import Reply
@@ -145,19 +145,19 @@ def ask(
             if key in wanted and talk.due(age):
                 # a repeated request is older than 0, by `REPEAT_PAUSE` at least: a robot that has obeyed a
                 # stop does so again only if it is new; another one, however old it is
-                aged = order.encode(request.model_copy(update={"age": round(age, 2)}))
+                aged = json_message.encode(request.model_copy(update={"age": round(age, 2)}))
                 talk.put(put(key, aged, min(seconds - age, MAX_ROUND_TIME)), age)
         time.sleep(CHECK_PERIOD)
 
 
 def drive(put: Put, mission: Mission, request: OperatorRequest, seconds: float) -> OperatorReply | None:
     """Send a driver's velocity to all candidates; return the leader's answer, None after `seconds`."""
-    began, payload = _now(), order.encode(request)
+    began, payload = _now(), json_message.encode(request)
     questions = [put(ORDER.key(name), payload, seconds) for name in mission.candidates]
     while _now() - began < seconds:
         for reply in [one for question in questions for one in list(question.replies)]:
             try:
-                answer = order.decode(OperatorReply, reply.payload)
+                answer = json_message.decode(OperatorReply, reply.payload)
             except BadMessage:
                 continue
             if answer.leads and answer.robot in mission.candidates:
@@ -232,7 +232,7 @@ def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
     """
     for reply in list(replies):  # more may arrive meanwhile
         try:
-            new = order.decode(OperatorReply, reply.payload)
+            new = json_message.decode(OperatorReply, reply.payload)
         except BadMessage:
             continue  # not an answer of our robots
         if reply.key != ORDER.key(new.robot) or new.robot not in outcome.recipients.names:

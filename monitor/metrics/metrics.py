@@ -22,8 +22,8 @@ from formation.monitor.metrics.settling import KnownError, KnownSettling, Settli
 from formation.monitor.metrics.snapshot import Edge, Snapshot
 from formation.monitor.metrics.statuses import Requests
 from formation.monitor.metrics.trajectory import Placed
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.protocol.status import LeaderStatus
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
@@ -197,7 +197,7 @@ class Metrics:
             return
         newest_order = None
         if sample.attachment is not None:
-            newest_order = order.decode(PositionAttachment, sample.attachment).order
+            newest_order = json_message.decode(PositionAttachment, sample.attachment).order
         if newest_order is not None and self.orders.admit(newest_order, sample.arrived, wall):
             robot.clock_was_set()  # another process publishes, perhaps on another machine
         robot.place_it(sample, wall)

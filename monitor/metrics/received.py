@@ -15,16 +15,16 @@ from formation.monitor.metrics.settling import KnownError
 from formation.monitor.metrics.snapshot import KeyMetrics, RobotMetrics
 from formation.monitor.metrics.statuses import Handler, Requests, Statuses
 from formation.monitor.metrics.trajectory import Placed, Trajectory
-from formation.protocol import order
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot, PositionAttachment
 from formation.protocol.election import check_ballot
-from formation.protocol.order import Ballot, PositionAttachment
 from formation.protocol.status import AgentState, AgentStatus, CollisionMode, LeaderStatus
 from formation.ros2.messages import Displacement, Odometry, Pose, Text, Twist, TwistStamped, decode
 from formation.topics import BALLOT, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.wire import BadMessage, Now, Sample
 
 UNAVAILABLE = b'"unavailable":true'
-"""As `formation.protocol.order.encode` writes it; left out if false."""
+"""As `formation.protocol.json_message.encode` writes it; left out if false."""
 MAX_PUBLISHER_IDS = 16
 """Number of publisher ids that are remembered."""
 MAX_STAMP_LEAD = 0.1
@@ -54,7 +54,7 @@ class PositionAttachments:
         looks = attachment.partition(b",")[0], UNAVAILABLE in attachment
         if looks == self._looks:
             return
-        decoded = order.decode(PositionAttachment, attachment)
+        decoded = json_message.decode(PositionAttachment, attachment)
         self._looks, self.unavailable = looks, decoded.unavailable
         if decoded.publisher_id in self._known:
             return
@@ -103,7 +103,7 @@ class Received:
         return {STATUS.name: self.statuses.process_status, BALLOT.name: self._check_ballot}
 
     def _check_ballot(self, sample: Sample, wall: float) -> None:
-        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+        ballot = json_message.decode(Ballot, decode(Text, sample.payload).text.encode())
         check_ballot(ballot, self.name, self._mission, Now(sample.arrived, wall))
 
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.orders import leader_of
-from formation.protocol import order
-from formation.protocol.order import Ballot, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot, PositionAttachment
 from formation.ros2.messages import Pose, Text, decode
 from formation.topics import BALLOT, POSITION
 from formation.wire import BadMessage, Sample
@@ -86,7 +86,7 @@ class LeaderTerms:
             return  # the monitor has reported it
 
     def _take_position(self, payload: bytes, attachment: bytes, wall: float) -> None:
-        decoded = order.decode(PositionAttachment, attachment)
+        decoded = json_message.decode(PositionAttachment, attachment)
         if decoded.order is None:
             return
         stamp = decode(Pose, payload).stamp
@@ -97,7 +97,7 @@ class LeaderTerms:
         leader_term.positions += 1
 
     def _take_ballot(self, payload: bytes, wall: float) -> None:
-        ballot = order.decode(Ballot, decode(Text, payload).text.encode())
+        ballot = json_message.decode(Ballot, decode(Text, payload).text.encode())
         if ballot.candidacy != "leader":
             return
         leader_term = self._leader_term(ballot.term, self._publisher_ids.get(ballot.term, ""))

@@ -25,8 +25,9 @@ from pydantic import ValidationError
 from formation.control.plane import clip
 from formation.mission.model import Mission
 from formation.monitor.metrics.event import INFO, WARNING, Event
-from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, Do, OperatorRequest
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.protocol.outcome import Outcome
+from formation.protocol.request import Do, OperatorRequest
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.stability import intent
 from formation.stability.driving import first_limits
@@ -197,7 +198,7 @@ class Operator:
 
         `click` identifies the click: one sent twice takes effect once. `seen` is the moment that the page
         showed [s, our system clock]. `what` holds the order's shape, degrees and so on, as in
-        `formation.protocol.order.TAKES`. Raises ValueError, or its subclass Overruled, if the order is not
+        `formation.protocol.request.TAKES`. Raises ValueError, or its subclass Overruled, if the order is not
         given.
         """
         request = intent.request_for(self._mission, do, **what)

@@ -26,7 +26,7 @@ from formation.monitor.metrics.words import as_json
 from formation.monitor.web.connection import OPERATOR
 from formation.monitor.web.source import Look, Source
 from formation.monitor.web.stream import Streams
-from formation.protocol.order import TAKES, Do
+from formation.protocol.request import TAKES, Do
 
 STEERING = ("pause", "play", "seek", "speed")
 MAX_BODY_BYTES = 4096

@@ -17,8 +17,10 @@ from typing import Any
 
 import zenoh
 
-from formation.protocol import order
-from formation.protocol.order import OperatorRequest, Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
+from formation.protocol.request import OperatorRequest
 from formation.ros2.messages import Pose, encode
 from formation.transport.runtime.process import say
 from tests.field.sessions import attacking
@@ -38,7 +40,7 @@ def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
     for count in range(int(seconds * rate)):
         what = Order(term=term, beat=count, mode="stop", shape="row")
         decoded = PositionAttachment(publisher_id=publisher_id, count=count, order=what, mission=tag)
-        yield encode(Pose(time.time(), FAR, 1j)), order.encode(decoded)
+        yield encode(Pose(time.time(), FAR, 1j)), json_message.encode(decoded)
         time.sleep(max(0.0, start + (count + 1) / rate - time.monotonic()))
 
 
@@ -54,7 +56,7 @@ def put(session: zenoh.Session, keys: list[str], seconds: float, rate: float = 4
 
 def query(session: zenoh.Session, keys: list[str]) -> int:
     """Request a stop as an operator does; return the number of replies."""
-    payload = order.encode(OperatorRequest(do="stop"))
+    payload = json_message.encode(OperatorRequest(do="stop"))
     return sum(
         reply.ok is not None
         for key in keys

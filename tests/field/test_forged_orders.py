@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from formation.deploy.fleet import authority, certificates
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
 from formation.topics import POSITION
 from formation.transport.security.signing import Signer
 from formation.transport.session import Identity
@@ -41,7 +41,9 @@ class Held(NamedTuple):
 def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
     with driving(tmp_path_factory.mktemp("team")) as team:
         tape = attack(team, "listen", link=link(team, "monitor", THIEF), key=KEY, number=NUMBER)
-        decoded = [order.decode(PositionAttachment, bytes.fromhex(attachment)) for _, attachment in tape]
+        decoded = [
+            json_message.decode(PositionAttachment, bytes.fromhex(attachment)) for _, attachment in tape
+        ]
         answer = team.desk_computer.run(
             *team.formation("order", "hold", "-c", str(team.desk.file("operator")), "--json")
         )
@@ -65,7 +67,7 @@ def changed(held: Held, **changes: Any) -> dict[str, Any]:
     newest = held.ran[-1]
     assert newest.order is not None
     what = newest.order.model_copy(update={"beat": newest.order.beat + 100_000, **changes})
-    return {"signed": order.encode(what).decode(), "signature": newest.signature}
+    return {"signed": json_message.encode(what).decode(), "signature": newest.signature}
 
 
 def signed_by_thief(held: Held, text: str) -> str:
@@ -133,7 +135,7 @@ def relayed(held: Held, fields: dict[str, Any]) -> None:
         if decoded.order is not None:
             risen = decoded.order.model_copy(update={"beat": decoded.order.beat + count})
             decoded = decoded.model_copy(update={"order": risen})
-        attachments.append(order.encode(decoded).hex())
+        attachments.append(json_message.encode(decoded).hex())
     attack(held.team, "relay", link=link(held.team, THIEF), key=KEY, attachments=attachments)
 
 
@@ -157,7 +159,7 @@ def test_replayed_orders_change_nothing(held: Held) -> None:
     attachments = []
     for count, one in enumerate(held.ran):
         decoded = one.model_copy(update={"publisher_id": publisher_id, "count": count + 1})
-        attachments.append(order.encode(decoded).hex())
+        attachments.append(json_message.encode(decoded).hex())
     attack(team, "relay", link=link(team, THIEF), key=KEY, attachments=attachments)
     time.sleep(1.0)
     assert team.states(since=start) == {"hold"}
@@ -182,7 +184,7 @@ def test_leader_reports_forgeries(held: Held) -> None:
     decoded = PositionAttachment.model_validate(
         {"publisher_id": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}
     )
-    attachments = [order.encode(decoded).hex()]
+    attachments = [json_message.encode(decoded).hex()]
     attack(held.team, "relay", link=link(held.team, THIEF, "leader"), key=KEY, attachments=attachments)
     alarm = "ALARM: robot1 relays a forged order: order not signed by leader: it has no signature"
     until(lambda: alarm in held.team.running["leader"].errors, what=held.team.running["leader"].errors[-500:])

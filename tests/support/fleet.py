@@ -27,8 +27,9 @@ from formation.agent.simulated.plant import Moving, Plant
 from formation.agent.simulated.simulated import World, kinematic
 from formation.leader.core import Leader
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorReply, OperatorRequest, encode
-from formation.protocol.order import decode as decode_order
+from formation.protocol.json_message import decode as decode_order
+from formation.protocol.json_message import encode
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState, AgentStatus
 from formation.protocol.status_codec import decode as decode_status
 from formation.ros2.messages import Diagnostics, Status, Twist, TwistStamped, decode

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.ros2.messages import decode, encode
 from formation.wire import Sample
 
@@ -32,8 +32,10 @@ def reordered(key: str, **changes: Any) -> Meddle:
     """Change the orders that come with positions of `key`."""
 
     def change(sample: Sample) -> tuple[Sample]:
-        attached = order.decode(PositionAttachment, sample.attachment or b"")
+        attached = json_message.decode(PositionAttachment, sample.attachment or b"")
         other = attached.order and attached.order.model_copy(update=changes)
-        return (sample._replace(attachment=order.encode(attached.model_copy(update={"order": other}))),)
+        return (
+            sample._replace(attachment=json_message.encode(attached.model_copy(update={"order": other}))),
+        )
 
     return on(key, change)

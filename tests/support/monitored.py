@@ -13,8 +13,9 @@ from formation.monitor.core import Monitor
 from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
-from formation.protocol import order
-from formation.protocol.order import Mode, Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Mode, Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, AgentStatus, AnyStatus, LeaderState, LeaderStatus
 from formation.protocol.status_codec import to_message
@@ -88,7 +89,7 @@ class Fleet:
             decoded = PositionAttachment(
                 publisher_id=f"leader{self.term}", count=self.beat, order=self.order(time)
             )
-            attachment = order.encode(decoded)
+            attachment = json_message.encode(decoded)
         return Sample(POSITION.key(robot), self.pose(robot, time, clock=clock), attachment, time)
 
     def truth(self, robot: str, time: float, turned: float = 0.0) -> Sample:

@@ -12,7 +12,8 @@ from formation.agent.persistence.restore import Persistence
 from formation.agent.process import Sides
 from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
+from formation.protocol.json_message import decode, encode
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.topics import POSITION, Topic
 from formation.transport.runtime.process import clocks
 from formation.wire import Now, Outgoing, Sample

@@ -15,8 +15,9 @@ from formation.deploy.fleet import authority
 from formation.deploy.fleet.authority import Pair
 from formation.leader.core import Leader
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.topics import POSITION
 from formation.transport.security.signing import Authority, Signer, key_id_of
 from formation.transport.security.verifying import Verifier
@@ -68,7 +69,7 @@ def verifier(mission: Mission, own: str = "") -> Verifier:
 
 def signed(mission: Mission, what: Order, by: Signer) -> dict[str, Any]:
     """The part of a Told that is signed."""
-    text = order.encode(what).decode()
+    text = json_message.encode(what).decode()
     return {"signed": text, "signature": by.sign(order.statement(mission.fingerprint, text))}
 
 
@@ -119,8 +120,8 @@ class SignedFleet(Fleet):
         sender = self._positions.get(sample.key)
         if sender is not None and sample.attachment is not None:
             if self.tamper is not None:
-                tampered = self.tamper(sender, order.decode(PositionAttachment, sample.attachment))
-                sample = sample._replace(attachment=order.encode(tampered))
+                tampered = self.tamper(sender, json_message.decode(PositionAttachment, sample.attachment))
+                sample = sample._replace(attachment=json_message.encode(tampered))
             self.passed(sample)
         checked = self.verifiers.get(name)
         if checked is not None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from formation.deploy.rehearsal.engine import VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.places import Tell
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.stops import RESTS
 
 WAIT_TIME = 0.05
@@ -27,7 +27,10 @@ class Answers:
         name = process.certified or ""
         if self._fleet.agents.get(name, (None, None))[1] is not process:
             return
-        request, reply = order.decode(OperatorRequest, data), order.decode(OperatorReply, answer)
+        request, reply = (
+            json_message.decode(OperatorRequest, data),
+            json_message.decode(OperatorReply, answer),
+        )
         now, known = self._fleet.engine.now, (name, request.do, request.id)
         if known in self._known and not (request.do in RESTS and request.age == 0.0):
             return  # a repeated request gets the same answer, and changes nothing

@@ -15,7 +15,7 @@ from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.places import Tell
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.topics import CMD_VEL

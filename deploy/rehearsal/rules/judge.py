@@ -64,8 +64,8 @@ from formation.deploy.rehearsal.rules.recorded import wrong
 from formation.deploy.rehearsal.rules.restarts import Restarts
 from formation.mission.model import Mission
 from formation.monitor.recording.recorder import Recorder
-from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.reasons import Code
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.simulation.body import Body
 from formation.slots.shape import PlacedShape

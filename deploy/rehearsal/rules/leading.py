@@ -11,7 +11,7 @@ from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.places import Tell
 from formation.deploy.rehearsal.rules.received import Received
 from formation.protocol.election import LEASE_TIME, VOTE_BOUND_TIME, quarantine
-from formation.protocol.order import OperatorRequest
+from formation.protocol.request import OperatorRequest
 from formation.topics import POSITION
 
 LEADERLESS_TIME = 4.0

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from formation.deploy.rehearsal.engine import VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.topics import POSITION
 from formation.wire import Outgoing
 
@@ -107,4 +108,4 @@ class Received:
 @lru_cache(maxsize=64)
 def attachment_of(data: bytes) -> PositionAttachment:
     """Decode what came with a position; it is received by several processes."""
-    return order.decode(PositionAttachment, data)
+    return json_message.decode(PositionAttachment, data)

@@ -21,9 +21,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
 from formation.protocol.election import rank_of
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol.order import Order
 from formation.topics import POSITION
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.runtime.clock import wall
@@ -111,7 +112,7 @@ class Verifier:
         if sender is None:
             return sample
         try:
-            attachment = order.decode(PositionAttachment, sample.attachment or b"")
+            attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         except BadMessage:
             return sample  # the core will report it
         try:

@@ -22,8 +22,9 @@ from typing import Any
 from formation.agent.core import Agent
 from formation.deploy.fleet import authority
 from formation.mission.file import parse
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.protocol.status import AgentState
 from formation.ros2.messages import encode
 from formation.topics import ODOM, POSITION
@@ -82,7 +83,7 @@ class Follower:
         inbox = []
         for robot in (edge.LEADER, edge.NEIGHBOUR):
             payload = encode(edge.position(robot, elapsed, now.wall))
-            carried = order.encode(attachment.model_copy(update={"publisher_id": robot}))
+            carried = json_message.encode(attachment.model_copy(update={"publisher_id": robot}))
             inbox.append(Sample(POSITION.key(robot), payload, carried, now.mono))
         start = time.perf_counter()
         if self.signer is not None:
@@ -99,7 +100,7 @@ class Follower:
         what = Order(term=64, beat=beat, mode="run", shape="line", time=beat * PERIOD)
         carried: dict[str, Any] = {"order": what}
         if self.signer is not None:
-            text = order.encode(what).decode()
+            text = json_message.encode(what).decode()
             statement = order.statement(MISSION.fingerprint, text)
             carried = {"signed": text, "signature": self.signer.sign(statement)}
         return PositionAttachment(publisher_id="bench", count=beat, mission=MISSION.tag, **carried)
@@ -128,13 +129,13 @@ def periods(signer: Signer, verifier: Verifier) -> dict[str, float]:
 def primitives(signer: Signer, verifier: Verifier) -> dict[str, float]:
     """Of one message [µs]."""
     what = Order(term=64, beat=1, mode="run", shape="line")
-    text = order.encode(what).decode()
+    text = json_message.encode(what).decode()
     message = order.statement(MISSION.fingerprint, text)
     signature = signer.sign(message)
     attachment = PositionAttachment(publisher_id="bench", count=1, signed=text, signature=signature)
-    sample = Sample(POSITION.key(edge.LEADER), b"", order.encode(attachment), 0.0)
+    sample = Sample(POSITION.key(edge.LEADER), b"", json_message.encode(attachment), 0.0)
     wrong = attachment.model_copy(update={"signed": text.replace("run", "hold")})
-    forged = Sample(POSITION.key(edge.NEIGHBOUR), b"", order.encode(wrong), 0.0)
+    forged = Sample(POSITION.key(edge.NEIGHBOUR), b"", json_message.encode(wrong), 0.0)
     wall = time.time()
     certified, _ = next(iter(verifier._certificates.values()))
     return {

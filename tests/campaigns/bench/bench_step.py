@@ -15,8 +15,9 @@ from typing import Any
 from formation.agent.core import Agent
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry, Pose, Twist, decode, encode
 from formation.topics import ODOM, POSITION
@@ -37,7 +38,7 @@ def steps(mission: Mission) -> dict[str, float]:
     for beat in range(STEPS):
         elapsed = beat / edge.RATE
         now = Now(elapsed, EPOCH + elapsed)
-        attachment = order.encode(edge.attachment("bench", beat, mission.tag))
+        attachment = json_message.encode(edge.attachment("bench", beat, mission.tag))
         for name in (edge.LEADER, edge.NEIGHBOUR):
             payload = encode(edge.position(name, elapsed, now.wall))
             by_position.append(stopped(agent, now, Sample(POSITION.key(name), payload, attachment, now.mono)))
@@ -63,14 +64,14 @@ def codec() -> dict[str, float]:
     odometry, pose = edge.odometry(0.0, EPOCH), edge.position(edge.LEADER, 0.0, EPOCH)
     beat, command = Order(term=time.time_ns(), beat=1000, mode="run", shape="line"), Twist(0.2, 0.1)
     decoded = PositionAttachment(publisher_id="bench", count=1000, order=beat, mission="0123abcd")
-    received, seen, relayed = encode(odometry), encode(pose), order.encode(decoded)
+    received, seen, relayed = encode(odometry), encode(pose), json_message.encode(decoded)
     return {
         "decode Odometry": microseconds(lambda: decode(Odometry, received)),
         "decode PoseStamped": microseconds(lambda: decode(Pose, seen)),
-        "decode the order on it": microseconds(lambda: order.decode(PositionAttachment, relayed)),
+        "decode the order on it": microseconds(lambda: json_message.decode(PositionAttachment, relayed)),
         "encode Twist": microseconds(lambda: encode(command)),
         "encode PoseStamped": microseconds(lambda: encode(pose)),
-        "encode the order on it": microseconds(lambda: order.encode(decoded)),
+        "encode the order on it": microseconds(lambda: json_message.encode(decoded)),
     }
 
 

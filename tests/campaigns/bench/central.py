@@ -24,8 +24,8 @@ from formation.agent.safety.commander import Commander
 from formation.control.pipeline import Inputs, control_step
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.ros2.messages import Odometry, Pose, decode
 from formation.topics import CMD_VEL, ODOM, POSITION
 from formation.transport.bus import Bus, BusConfig
@@ -96,7 +96,7 @@ class Central:
                 self.dropped += 1
 
     def _follow(self, sample: Sample, now: Now) -> None:
-        attachment = order.decode(PositionAttachment, sample.attachment or b"")
+        attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         if attachment.order is not None:
             self._orders.receive(attachment.order, self._leads, sample.arrived, now)
         self._tracks[self._leads].take_position(decode(Pose, sample.payload), sample.arrived, now)

@@ -18,8 +18,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, AgentStatus, LeaderState, LeaderStatus, RobotLink
 from formation.protocol.status_codec import to_message
@@ -111,7 +112,9 @@ class Publisher:
             yield Said(ODOM.key(self._name), self._odometry.at(wall, x - self._offset))
             yield Said(CMD_VEL.key(self._name), self._command, self._trace(wall))
         spoken = PositionAttachment(publisher_id=f"{self.number:016x}", count=self._count, order=decoded)
-        yield Said(POSITION.key(self._name), self._position.at(wall, x - self._offset), order.encode(spoken))
+        yield Said(
+            POSITION.key(self._name), self._position.at(wall, x - self._offset), json_message.encode(spoken)
+        )
         if (self._count + self.number) % self._every == 0:
             yield Said(STATUS.key(self._name), self._status(wall))
 

@@ -15,8 +15,9 @@ from contextlib import ExitStack
 
 from formation.control.plane import rotation
 from formation.control.unicycle import Command
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.ros2.messages import Odometry, Pose, encode
 from formation.topics import POSITION
 from formation.transport.bus import Bus, BusConfig
@@ -116,7 +117,7 @@ def main(
             due = start + tick / (2.0 * rate * SWEEP)
             time.sleep(max(0.0, due - time.monotonic()))
             robot = NEIGHBOUR if tick % 2 else LEADER
-            beat = order.encode(attachment(robot, tick // 2, tag, term))
+            beat = json_message.encode(attachment(robot, tick // 2, tag, term))
             payload = encode(position(robot, time.monotonic() - origin, time.time()))
             buses[robot].send([Outgoing(POSITION.key(robot), payload, beat)])
             monitor.drain()

@@ -15,7 +15,7 @@ import psutil
 
 from formation.agent.core import Agent
 from formation.mission.file import load
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.ros2.messages import Twist, decode, encode
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, Topic
@@ -286,7 +286,7 @@ def _one_step(mission_file: Path, rate: float) -> list[Outgoing]:
     for count, beat in enumerate((1000, 1001)):  # the first alone proves no leader alive
         elapsed = count / rate
         now = Now(began.mono + elapsed, began.wall + elapsed)
-        attachment = order.encode(edge.attachment("bench", beat, mission.tag, term))
+        attachment = json_message.encode(edge.attachment("bench", beat, mission.tag, term))
         inbox = [
             Sample(POSITION.key(robot), encode(edge.position(robot, elapsed, now.wall)), attachment, now.mono)
             for robot in (edge.LEADER, edge.NEIGHBOUR)

@@ -9,8 +9,8 @@ import numpy as np
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.monitor.recording.reader import read
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.ros2.messages import Pose, decode
 from formation.topics import POSITION
 from tests.campaigns.document import Found
@@ -30,7 +30,10 @@ def recorded_leads(path: Path, mission: Mission) -> list[Led]:
         sample = recorded.sample
         if sample.key != key or sample.attachment is None:
             continue
-        attachment, pose = order.decode(PositionAttachment, sample.attachment), decode(Pose, sample.payload)
+        attachment, pose = (
+            json_message.decode(PositionAttachment, sample.attachment),
+            decode(Pose, sample.payload),
+        )
         if attachment.order is not None:
             found.append(Led.of(recorded.wall, pose.position, attachment, attachment.order, mission))
     return found

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formation.mission.model import Mission
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.slots.shape import PlacedShape
 
 Floats = NDArray[np.float64]

@@ -21,8 +21,8 @@ from typing import Any
 
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.ros2.messages import Pose, Twist, TwistStamped, decode
 from formation.topics import CMD_VEL, GROUND_TRUTH, POSITION, command_topic
 from formation.transport.bus import Bus, BusConfig
@@ -55,7 +55,7 @@ class Eyes:
             at = sample.arrived
         x, y = pose.position.real, pose.position.imag
         if sample.key == self._lead:
-            attachment = order.decode(PositionAttachment, sample.attachment or b"{}")
+            attachment = json_message.decode(PositionAttachment, sample.attachment or b"{}")
             return ["lead", at, x, y, attachment.model_dump(exclude_defaults=True)]
         return ["truth", at, self._truths[sample.key], x, y, cmath.phase(pose.heading)]
 

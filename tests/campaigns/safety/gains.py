@@ -14,7 +14,9 @@ from formation.control.controller import Gains, Limits, Measured
 from formation.control.unicycle import Command
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tuned, decode, encode
+from formation.protocol.json_message import decode, encode
+from formation.protocol.order import Order, Tuned
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.simulation.edges import Edges
 from formation.stability import spectrum, tuning
 from tests.campaigns.document import Found

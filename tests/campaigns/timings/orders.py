@@ -23,9 +23,9 @@ from unittest.mock import patch
 from formation.agent.persistence.restore import Restorer
 from formation.agent.status import Surroundings
 from formation.mission.file import parse
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol import json_message
 from formation.protocol.outcome import Outcome
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.stability import intent
 from formation.topics import ORDER
@@ -146,7 +146,7 @@ class Console:
         if not node.alive:
             return
         reply: bytes = node.core.request(payload, self.fleet.now)  # type: ignore[attr-defined]
-        result = order.decode(OperatorReply, reply)
+        result = json_message.decode(OperatorReply, reply)
         answer = Reply(ORDER.key(result.robot), reply, 1.0)
         self._later(self.draw.uniform(0.001, self.slowest), lambda: requested.replies.append(answer))
 
@@ -265,7 +265,9 @@ def run_before_a_stop_is_void(draw: random.Random) -> None:
         console.give("stop")
         console.give("release")
     console.give("run", 0.3)
-    old = [one for one in console.received if order.decode(OperatorRequest, one).do in {"release", "run"}]
+    old = [
+        one for one in console.received if json_message.decode(OperatorRequest, one).do in {"release", "run"}
+    ]
     console.run(draw.uniform(0.0, 0.5))
     others.give(draw.choice(["stop", "hold"]))
     for _ in range(4):

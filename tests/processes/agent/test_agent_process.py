@@ -13,8 +13,9 @@ import pytest
 
 from formation.mission.file import parse, read
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import OperatorReply
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.request import OperatorReply
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import Ros, address
@@ -117,7 +118,7 @@ def test_agent_commands_robot_and_publishes_inputs_to_fleet(scene: Scene) -> Non
     assert payloads(scene.from_fleet, ODOM_KEY) == result
     assert len(payloads(scene.from_robot, LIFE)) >= 5
     orders = [sample.attachment for sample in scene.from_fleet if sample.key == PLACE]
-    assert all(order.decode(order.PositionAttachment, attachment or b"") for attachment in orders)
+    assert all(json_message.decode(PositionAttachment, attachment or b"") for attachment in orders)
     assert payloads(scene.from_robot, PLACE) == payloads(scene.from_fleet, PLACE)
     places = [decode(Pose, payload).position for payload in payloads(scene.from_robot, PLACE)]
     assert places == [-1.5 + 2.0j] * 5
@@ -175,7 +176,7 @@ def test_agent_answers_stop_request_on_fleet_bus(tmp_path: Path) -> None:
     with scene.agent(), scene.fleet() as bus:
         until(lambda: scene.in_fleet.received[STATUS] > 0)
         (reply,) = bus.ask("robot2/order", b'{"do":"stop"}', timeout=PATIENCE)
-        assert order.decode(OperatorReply, reply.payload).mode == "stop"
+        assert json_message.decode(OperatorReply, reply.payload).mode == "stop"
 
 
 def test_stop_survives_killed_agent_until_its_release(tmp_path: Path) -> None:
@@ -186,7 +187,7 @@ def test_stop_survives_killed_agent_until_its_release(tmp_path: Path) -> None:
         before = scene.in_fleet.received[STATUS]
         until(lambda: scene.in_fleet.received[STATUS] > before)
         (reply,) = bus.ask("robot2/order", request, timeout=PATIENCE)
-        return order.decode(OperatorReply, reply.payload)
+        return json_message.decode(OperatorReply, reply.payload)
 
     with scene.agent(*state) as child, scene.fleet() as bus:
         modes.append(ask(bus, b'{"do":"stop","id":"s"}').mode)

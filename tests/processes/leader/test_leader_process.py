@@ -9,8 +9,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
+from formation.protocol.request import OperatorReply
 from formation.ros2.messages import Diagnostics, Pose, decode
 from formation.wire import Sample
 from tests.processes.agent.leader_and_robot import leader, listening, received
@@ -20,7 +22,7 @@ pytestmark = pytest.mark.processes
 
 
 def order_of(sample: Sample) -> Order:
-    reported = order.decode(PositionAttachment, sample.attachment or b"").order
+    reported = json_message.decode(PositionAttachment, sample.attachment or b"").order
     assert reported is not None
     return reported
 
@@ -61,7 +63,7 @@ def test_leader_obeys_valid_requests_and_refuses_others() -> None:
         )
         for request in requests:
             (reply,) = bus.ask("robot1/order", request, timeout=PATIENCE)
-            answer = order.decode(OperatorReply, reply.payload)
+            answer = json_message.decode(OperatorReply, reply.payload)
             # the reply may overtake earlier positions, which have a lower priority
             after = received(bus, any_newer_than(time.time()))
             modes.append((answer.ok, answer.mode, order_of(after[-1]).mode))

@@ -17,7 +17,9 @@ from formation.mission.file import load
 from formation.monitor.metrics.event import INFO, WARNING, Event
 from formation.monitor.web import control
 from formation.monitor.web.control import Operator, Overruled
-from formation.protocol.order import Mode, OperatorRequest, decode
+from formation.protocol.json_message import decode
+from formation.protocol.order import Mode
+from formation.protocol.request import OperatorRequest
 from formation.stability import intent
 from formation.topics import ORDER
 from formation.transport.bus_config import BusError

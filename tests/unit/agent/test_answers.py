@@ -8,7 +8,7 @@ import pytest
 from formation.agent.following.attachment import MAX_ANSWER_DELAYS, Answers
 from formation.agent.following.neighbours import Neighbour, answers
 from formation.control.tracker import MAX_DELAY
-from formation.protocol.order import ReceivedPosition
+from formation.protocol.attachment import ReceivedPosition
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Pose

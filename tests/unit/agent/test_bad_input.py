@@ -11,8 +11,10 @@ import pytest
 from formation.agent.core import Agent
 from formation.control.unicycle import advance
 from formation.mission.file import load
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
+from formation.protocol.request import OperatorReply
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
@@ -33,7 +35,7 @@ def moment(step: int) -> Now:
 def relayed(step: int, shape: str = "hexagon") -> bytes:
     """The position attachment of a neighbour."""
     what = Order(term=1, beat=step, mode="run", shape=shape)
-    return order.encode(PositionAttachment(publisher_id="v", count=step, order=what, mission=SIX.tag))
+    return json_message.encode(PositionAttachment(publisher_id="v", count=step, order=what, mission=SIX.tag))
 
 
 def inbox(step: int, me: Odometry | None = None, attachment: bytes | None = None) -> list[Sample]:
@@ -127,7 +129,7 @@ def test_status_lists_dropped_messages_of_a_hundred_neighbours() -> None:
     name = mission.followers[-1]
     agent = Agent(mission, name)
     position = encode(Pose(EPOCH, 0j, 1 + 0j))
-    stranger = order.encode(PositionAttachment(publisher_id="v", count=1, mission=mission.tag))
+    stranger = json_message.encode(PositionAttachment(publisher_id="v", count=1, mission=mission.tag))
     stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
     for other in mission.robots[name].neighbours:
         agent.step(at(0.0), [Sample(POSITION.key(other), position, stranger, 0.0)])
@@ -166,7 +168,7 @@ def test_order_with_unknown_shape_is_dropped_but_position_used() -> None:
 @pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])
 def test_invalid_request_is_answered_with_reason(request_bytes: bytes) -> None:
     agent = Agent(SIX, ME)
-    reply = order.decode(OperatorReply, agent.request(request_bytes, 0.5))
+    reply = json_message.decode(OperatorReply, agent.request(request_bytes, 0.5))
     assert not reply.ok
     assert reply.reason
     assert commands(agent.step(moment(1), [])) == [Twist(0.0, 0.0)]

@@ -9,8 +9,9 @@ import pytest
 
 from formation.control.unicycle import AT_REST
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order, Slots, Tuned
 from formation.protocol.status import AgentState
 from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
@@ -75,7 +76,7 @@ def run_ahead(attached: PositionAttachment, **changes: object) -> PositionAttach
     """The attachment with a run order ahead of the leader's beat, and with its old signature."""
     assert attached.order is not None
     what = attached.order.model_copy(update={"beat": 1_000_000 + attached.count, **RUN, **changes})
-    signed_text = order.encode(what).decode() if attached.signed else ""
+    signed_text = json_message.encode(what).decode() if attached.signed else ""
     return attached.model_copy(update={"order": what, "signed": signed_text})
 
 
@@ -291,10 +292,10 @@ def test_signed_attachments_stay_below_900_bytes() -> None:
         voted_term=2**63 - 1, last_ballot=2**40,
     )  # fmt: skip
     ordered = {"order": what, **signed(TEAM, what, signer("leader"))}
-    assert len(order.encode(attachment.model_copy(update=ordered))) < 800
+    assert len(json_message.encode(attachment.model_copy(update=ordered))) < 800
     certificate = signer("a-leader-with-a-name-of-some-length").certificate
     carried = {"term": 2**63 - 1, "certificate": certificate}
-    assert len(order.encode(attachment.model_copy(update=carried))) < 900
+    assert len(json_message.encode(attachment.model_copy(update=carried))) < 900
 
 
 @pytest.mark.slow

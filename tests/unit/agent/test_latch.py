@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from formation.agent.safety.latch import Latch
 from formation.leader.plan import TeamMode
 from formation.protocol import reasons
-from formation.protocol.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
+from formation.protocol.json_message import decode
+from formation.protocol.request import UNREACHED, Do, OperatorReply, OperatorRequest, ReplyCode
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME, Rest
 from tests.campaigns.timings.orders import SCENARIOS
 
@@ -85,7 +86,7 @@ def test_query_returns_ids_and_changes_nothing(latch: Latch) -> None:
 
 @pytest.mark.parametrize("code", sorted(UNREACHED))
 @every_rest
-def test_stop_of_unreachable_robot_is_latched_but_not_ok(latch: Latch, rest: Do, code: Code) -> None:
+def test_stop_of_unreachable_robot_is_latched_but_not_ok(latch: Latch, rest: Do, code: ReplyCode) -> None:
     request = OperatorRequest(do=rest, id="s")
     reply = decode(OperatorReply, latch.request(request, 0.0, "run", code))
     assert (reply.ok, reply.code, latch.mode) == (False, code, rest)

@@ -12,7 +12,8 @@ from formation.agent.following.orders import Orders
 from formation.agent.pose.stream import MAX_STAMP_OFFSET
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import Mode, Motion, Order, PositionAttachment
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Mode, Motion, Order
 from formation.wire import BadMessage
 from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet, at

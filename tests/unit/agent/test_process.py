@@ -18,9 +18,9 @@ from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import OperatorReply
+from formation.protocol import json_message
 from formation.protocol.reasons import Code, Reason
+from formation.protocol.request import OperatorReply
 from formation.protocol.status import AgentState, RobotLink
 from formation.protocol.status_codec import LINKS
 from formation.ros2.messages import Number, Odometry, TwistStamped, decode, encode
@@ -369,7 +369,7 @@ def test_readonly_integral_stays_zero(law: str) -> None:
 def test_replies_state_whether_agent_is_readonly(*, readonly: bool) -> None:
     agent = Agent(PAIR, "robot1", readonly=readonly)
     for request in (b'{"do":"query"}', b'{"do":"run"}', b'{"do":"stop"}', b"junk"):
-        assert order.decode(OperatorReply, agent.request(request, 0.0)).readonly is readonly
+        assert json_message.decode(OperatorReply, agent.request(request, 0.0)).readonly is readonly
 
 
 def test_each_command_is_sent_first_with_sign_of_life() -> None:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from formation.agent.following.publisher import AcceptedPublisher
 from formation.mission.file import load
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION
 from formation.wire import BadMessage, Sample
@@ -26,8 +27,8 @@ Commands = dict[str, list[tuple[float, float, float]]]
 
 
 def decoded(sample: Sample, **changes: object) -> Sample:
-    result = order.decode(PositionAttachment, sample.attachment or b"").model_copy(update=changes)
-    return sample._replace(attachment=order.encode(result))
+    result = json_message.decode(PositionAttachment, sample.attachment or b"").model_copy(update=changes)
+    return sample._replace(attachment=json_message.encode(result))
 
 
 def moved(sample: Sample, by: complex) -> Sample:
@@ -37,7 +38,7 @@ def moved(sample: Sample, by: complex) -> Sample:
 
 def second_agent(sample: Sample) -> tuple[Sample, ...]:
     """Add a second publisher for robot2, over 1 m away, which relays a stop at twice the rate."""
-    result = order.decode(PositionAttachment, sample.attachment or b"")
+    result = json_message.decode(PositionAttachment, sample.attachment or b"")
     stop = result.order and result.order.model_copy(update={"mode": "stop", "beat": result.order.beat + 1})
     false = moved(decoded(sample, publisher_id="second", order=stop), 1.0 + 1.0j)
     return (sample, false, decoded(false, count=result.count + 1))

@@ -26,7 +26,8 @@ from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorRequest, encode
+from formation.protocol.json_message import encode
+from formation.protocol.request import OperatorRequest
 from formation.ros2.messages import Odometry, decode
 from formation.ros2.messages import encode as encode_message
 from formation.topics import ODOM, POSE

@@ -26,8 +26,10 @@ from formation.agent.persistence.trace import (
     read,
 )
 from formation.mission.file import load
-from formation.protocol.order import MAX_REQUEST_BYTES, Order, PositionAttachment
-from formation.protocol.order import encode as encode_order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.json_message import encode as encode_order
+from formation.protocol.order import Order
+from formation.protocol.request import MAX_REQUEST_BYTES
 from formation.protocol.status import AgentState
 from formation.ros2.messages import MAX_PAYLOAD_BYTES, Odometry, Pose, Text, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION

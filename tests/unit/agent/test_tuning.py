@@ -16,7 +16,8 @@ from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import Order, Tuned, decode
+from formation.protocol.json_message import decode
+from formation.protocol.order import Order, Tuned
 from formation.wire import BadMessage, Now
 from tests.campaigns.safety.gains import changed, limited, tune
 from tests.support.examples import slow

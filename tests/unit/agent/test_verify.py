@@ -21,7 +21,8 @@ from formation.control.laws import LAWS
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import watched
-from formation.protocol.order import MAX_REQUEST_BYTES, PositionAttachment
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.request import MAX_REQUEST_BYTES
 from formation.ros2.messages import Twist, encode
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
 from formation.wire import Now, Sample

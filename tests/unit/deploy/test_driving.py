@@ -27,8 +27,8 @@ from formation.deploy.driving.inputs import (
 )
 from formation.deploy.driving.remote import Remote
 from formation.mission.file import load
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.request import OperatorReply, OperatorRequest
 
 PATROL = load("patrol")
 
@@ -117,7 +117,7 @@ def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
 
 
 def replied(robot: str, token: int, *, leads: bool = True, reason: str = "") -> bytes:
-    return order.encode(
+    return json_message.encode(
         OperatorReply(robot=robot, ok=not reason, mode="run", reason=reason, leads=leads, token=token)
     )
 
@@ -129,7 +129,7 @@ def test_driver_asks_all_candidates_until_one_leads() -> None:
     remote.answered([replied("deputy", 7), replied("leader", 0, leads=False, reason="stands by")], 1.0, 1.01)
     keys, payload = remote.request(0.1, 0.0, 1.05)
     assert keys == ("deputy/order",)
-    assert order.decode(OperatorRequest, payload).token == 7
+    assert json_message.decode(OperatorRequest, payload).token == 7
     assert remote.request(0.1, 0.0, 2.0)[0] == ("leader/order", "deputy/order", "reserve/order")
 
 
@@ -138,7 +138,7 @@ def test_driver_accepts_smaller_token_only_from_another_leader() -> None:
     remote.answered([replied("leader", 900)], 1.0, 1.01)
     for replies, token in (([replied("leader", 800), b"{"], 900), ([replied("deputy", 5)], 5)):
         remote.answered(replies, 1.0, 1.01)
-        assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
+        assert json_message.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
 
 
 def test_state_names_reason_of_leader_refusal() -> None:
@@ -160,6 +160,6 @@ def test_state_names_reason_of_leader_refusal() -> None:
 def test_end_of_drive_says_hold_only_if_the_leader_obeys(replies: list[dict[str, Any]], says: str) -> None:
     one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
     for reply in replies:
-        data = order.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
+        data = json_message.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
         one._remote.answered([data], 0.0, 0.1)
     assert one.outcome.startswith(says)

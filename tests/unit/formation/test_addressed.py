@@ -11,10 +11,10 @@ from formation.control.laws import LAWS
 from formation.leader.core import Leader
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.protocol.addressed import tags_of
-from formation.protocol.order import Do, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome, Recipients
+from formation.protocol.request import Do, OperatorReply, OperatorRequest
 from formation.stability import intent
 from tests.unit.leader.leading import leading
 
@@ -34,11 +34,11 @@ every_do = pytest.mark.parametrize("do", get_args(Do))
 def request(do: str, mission: Mission | None, number: int = 1) -> bytes:
     tag = mission.tag if mission else ""
     what = {"do": do, "id": f"{do}-{number}", "mission": tag, **VALUES.get(do, {})}
-    return order.encode(OperatorRequest.model_validate(what))
+    return json_message.encode(OperatorRequest.model_validate(what))
 
 
 def reply(process: Agent | Leader, data: bytes) -> OperatorReply:
-    return order.decode(OperatorReply, process.request(data, 1.0))
+    return json_message.decode(OperatorReply, process.request(data, 1.0))
 
 
 @pytest.fixture(params=["agent", "leader"])
@@ -61,9 +61,9 @@ def test_other_missions_release_and_run_leave_the_stop_in_force(process: Agent |
         ends = OperatorRequest.model_validate(
             {"do": do, "id": do, "mission": CONVOY.tag, "ends": ("stop-1",)}
         )
-        assert reply(process, order.encode(ends)).mode == "stop"
+        assert reply(process, json_message.encode(ends)).mode == "stop"
     ends = OperatorRequest(do="release", id="own", mission=SIX.tag, ends=("stop-1",))
-    assert reply(process, order.encode(ends)).mode == "hold"
+    assert reply(process, json_message.encode(ends)).mode == "hold"
 
 
 @every_do
@@ -82,7 +82,7 @@ def test_order_states_the_mission_that_it_was_checked_against() -> None:
 def test_outcome_names_robots_of_another_mission_and_is_not_obeyed() -> None:
     asked = OperatorRequest(do="stop", mission=CONVOY.tag)
     answers = {
-        name: Answer(reply(process, order.encode(asked)), 1.0)
+        name: Answer(reply(process, json_message.encode(asked)), 1.0)
         for name, process in (("robot1", leading(SIX)), ("robot2", Agent(SIX, "robot2")))
     }
     outcome = Outcome(asked, Recipients(("robot1",), ("robot2",)), answers, 0.0, 3.0)

@@ -10,9 +10,10 @@ import pytest
 
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Code, Do, Mode, OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.order import Mode
 from formation.protocol.outcome import Outcome, Recipients
+from formation.protocol.request import Do, OperatorReply, OperatorRequest, ReplyCode
 from formation.protocol.stops import MOTION, Rest
 from formation.stability import intent
 from formation.transport import asking
@@ -46,7 +47,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def reply(robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", **fields: Any) -> Reply:
     output = OperatorReply(robot=robot, ok=ok, mode=mode, **fields)
-    return Reply(key or f"{robot}/order", order.encode(output), 1.5)
+    return Reply(key or f"{robot}/order", json_message.encode(output), 1.5)
 
 
 class Fleet:
@@ -64,7 +65,7 @@ class Fleet:
 
     def put(self, key: str, payload: bytes, timeout: float) -> Question:
         assert 0.0 < timeout <= asking.MAX_ROUND_TIME
-        self.received.append(order.decode(OperatorRequest, payload))
+        self.received.append(json_message.decode(OperatorRequest, payload))
         question, name = Question(), key.removesuffix("/order").replace("*", "all")
         self.put_to.append(name)
         self.put_at.append(asking._now())
@@ -218,7 +219,7 @@ class Robots:
         """Called between the query and the request after it."""
 
     def put(self, _key: str, payload: bytes, _timeout: float) -> Question:
-        request, question = order.decode(OperatorRequest, payload), Question()
+        request, question = json_message.decode(OperatorRequest, payload), Question()
         if self.received and self.received[-1].do == "query" != request.do:
             self.between()
         self.received.append(request)
@@ -226,7 +227,7 @@ class Robots:
             if name in self.silent:
                 continue
             if request.do == "query":
-                code: Code = "other-mission" if name in self.strangers and request.mission else ""
+                code: ReplyCode = "other-mission" if name in self.strangers and request.mission else ""
                 answer = reply(name, mode="hold", stop=rest.stop, hold=rest.hold, code=code)
             else:
                 result = rest.change(request, request.id)

@@ -16,7 +16,9 @@ from formation.agent.following.gains import Bearable
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Straight
-from formation.protocol.order import MAX_REASON_CHARS, MAX_REQUEST_BYTES, OperatorRequest, Tuned, encode
+from formation.protocol.json_message import encode
+from formation.protocol.order import Tuned
+from formation.protocol.request import MAX_REASON_CHARS, MAX_REQUEST_BYTES, OperatorRequest
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
 from formation.stability.feasibility import problems

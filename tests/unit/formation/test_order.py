@@ -10,19 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.protocol.order import (
-    MAX_ORDER_BYTES,
-    MAX_REASON_CHARS,
-    UNREACHED,
-    OperatorReply,
-    OperatorRequest,
-    Order,
-    decode,
-    encode,
-    newer,
-    shortened,
-)
+from formation.protocol.json_message import MAX_ORDER_BYTES, decode, encode
+from formation.protocol.order import Order, newer
 from formation.protocol.outcome import Answer, Outcome, Recipients, called
+from formation.protocol.request import MAX_REASON_CHARS, UNREACHED, OperatorReply, OperatorRequest, shortened
 from formation.wire import BadMessage
 from tests.support.mutations import mutated
 

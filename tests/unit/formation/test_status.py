@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from formation.control.zones import Zone
 from formation.protocol import reasons, status_codec
-from formation.protocol.order import OperatorRequest
 from formation.protocol.reasons import MAX_NUMBER, SENTENCES, Code, Reason
+from formation.protocol.request import OperatorRequest
 from formation.protocol.status import (
     AgentState,
     AgentStatus,

@@ -12,8 +12,9 @@ from cryptography.hazmat.primitives.asymmetric import ec, utils
 
 from formation.deploy.fleet import authority
 from formation.mission.file import load
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.ros2.messages import Pose, encode
 from formation.topics import POSITION
 from formation.transport.bus_config import BusError
@@ -54,7 +55,7 @@ class Front:
         self.mono += self.period
         attachment = PositionAttachment.model_validate({"publisher_id": "v", "count": 1, **fields})
         sample = Sample(
-            POSITION.key(of), encode(Pose(EPOCH, 0j, 1 + 0j)), order.encode(attachment), self.mono
+            POSITION.key(of), encode(Pose(EPOCH, 0j, 1 + 0j)), json_message.encode(attachment), self.mono
         )
         return self.verifier.check(sample, EPOCH + self.mono + clock)
 
@@ -77,7 +78,7 @@ def test_signed_order_is_verified_only_once(front: Front) -> None:
     for of in (FOLLOWER, *MISSION.followers, LEADER):
         sample = front.checked(of, **fields)
         assert not sample.unverified
-        assert order.decode(PositionAttachment, sample.attachment or b"").order == an_order()
+        assert json_message.decode(PositionAttachment, sample.attachment or b"").order == an_order()
     assert front.verified == 1
 
 
@@ -115,7 +116,7 @@ def test_messages_without_orders_pass(front: Front) -> None:
 def test_changed_order_or_mission_fails_verification(front: Front, change: dict[str, object]) -> None:
     fields = signed(MISSION if change else OTHER, an_order(), LED)
     changed = Order.model_validate({**an_order().model_dump(), **change})
-    sample = front.checked(signed=order.encode(changed).decode(), signature=fields["signature"])
+    sample = front.checked(signed=json_message.encode(changed).decode(), signature=fields["signature"])
     assert sample.unverified.endswith("wrong signature, so it is forged or of another mission")
 
 
@@ -246,7 +247,7 @@ def test_wrong_signatures_suspend_verification_for_their_sender(front: Front) ->
     fields, right = (signed(MISSION, an_order(beat), LED) for beat in (1, 5000))
     for beat in range(1000):
         sample = front.checked(
-            signed=order.encode(an_order(beat + 2)).decode(), signature=fields["signature"]
+            signed=json_message.encode(an_order(beat + 2)).decode(), signature=fields["signature"]
         )
         assert sample.forged
     assert front.verified == STRIKES
@@ -279,7 +280,7 @@ def test_verifier_keeps_at_most_64_verified_orders(front: Front) -> None:
 def test_candidate_verifies_its_own_orders_without_received_certificate() -> None:
     own = verifier(MISSION, LED.certificate)
     attachment = PositionAttachment(publisher_id="v", count=1, **signed(MISSION, an_order(), LED))
-    sample = Sample(POSITION.key(FOLLOWER), b"", order.encode(attachment), 1.0)
+    sample = Sample(POSITION.key(FOLLOWER), b"", json_message.encode(attachment), 1.0)
     assert not own.check(sample, EPOCH).unverified
 
 

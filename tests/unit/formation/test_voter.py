@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.leader.candidacy import Candidacy
+from formation.protocol.attachment import Ballot, PositionAttachment
 from formation.protocol.election import (
     MAX_TERM_LEAD,
     TERM_EXPIRY_TIME,
@@ -19,7 +20,6 @@ from formation.protocol.election import (
     rank_of,
     too_far,
 )
-from formation.protocol.order import Ballot, PositionAttachment
 from formation.wire import BadMessage, Now
 from tests.unit.leader.team import EPOCH
 from tests.unit.leader.team import chain as mission

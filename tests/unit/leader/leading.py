@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 from formation.leader.core import Leader
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.protocol import order, status_codec
+from formation.protocol import json_message, status_codec
+from formation.protocol.attachment import PositionAttachment
 from formation.protocol.election import LISTENING_TIME
-from formation.protocol.order import OperatorReply, OperatorRequest, Order, PositionAttachment
+from formation.protocol.order import Order
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import LeaderStatus
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION, STATUS
@@ -75,7 +77,7 @@ def positions(mono: float, outbox: list[Outgoing]) -> list[SentPosition]:
         SentPosition(mono, decode(Pose, out.payload), attachment.order, attachment.publisher_id)
         for out in outbox
         if out.key.endswith("/position")
-        and (attachment := order.decode(PositionAttachment, out.attachment or b"")).order
+        and (attachment := json_message.decode(PositionAttachment, out.attachment or b"")).order
     ]
 
 
@@ -89,9 +91,11 @@ def ask(leader: Leader, request: bytes | str, received: float = 0.0) -> Operator
     if isinstance(request, str):
         request = request.encode() if request[:1] == "{" else f'{{"do":"{request}"}}'.encode()
     with suppress(BadMessage):
-        whole = named(order.decode(OperatorRequest, request), lambda data: leader.request(data, received))
-        request = order.encode(whole) if whole.ends else request
-    return order.decode(OperatorReply, leader.request(request, received))
+        whole = named(
+            json_message.decode(OperatorRequest, request), lambda data: leader.request(data, received)
+        )
+        request = json_message.encode(whole) if whole.ends else request
+    return json_message.decode(OperatorReply, leader.request(request, received))
 
 
 def status(name: str, outbox: list[Outgoing]) -> LeaderStatus:
@@ -116,7 +120,7 @@ def relayed(
     result = PositionAttachment(
         publisher_id=f"{publisher}-{robot}", count=number, order=what, mission=of.tag, **attachment
     )
-    return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), order.encode(result))
+    return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), json_message.encode(result))
 
 
 def arriving(out: Outgoing, mono: float) -> Sample:

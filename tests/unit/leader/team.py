@@ -18,9 +18,11 @@ from formation.agent.status import Surroundings
 from formation.leader.core import Leader
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.protocol import order
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
 from formation.protocol.election import reach
-from formation.protocol.order import OperatorReply, OperatorRequest, Order, PositionAttachment
+from formation.protocol.order import Order
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry, encode
 from formation.stability import intent
@@ -207,7 +209,7 @@ class Team:
         mono = process.now(self.true).mono
         request = named(request, lambda data: process.core.request(data, mono))
         before = process.core.plan.tuned if isinstance(process.core, Leader) else None
-        reply = order.decode(OperatorReply, process.core.request(order.encode(request), mono))
+        reply = json_message.decode(OperatorReply, process.core.request(json_message.encode(request), mono))
         after = process.core.plan.tuned if isinstance(process.core, Leader) else None
         if not reply.ok or request.id in process.requested or request.do != "tune":
             assert after == before, f"{name} changed its gains without a new request"
@@ -346,7 +348,7 @@ class Team:
     def _note(self, sender: str, out: Outgoing) -> None:
         """Check that an order is sent with a lease, and no other order with its term and beat."""
         assert self._in_lease(sender), f"{sender} orders without a lease"
-        result = order.decode(PositionAttachment, out.attachment or b"").order
+        result = json_message.decode(PositionAttachment, out.attachment or b"").order
         assert result is not None
         assert self.sent_orders.setdefault((result.term, result.beat), result) == result
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
-from formation.protocol.order import OperatorRequest
+from formation.protocol.request import OperatorRequest
 from tests.unit.leader.team import MISSION, TICK, Team
 
 STEPS = int(os.environ.get("FORMATION_MODEL_STEPS", "10000"))

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from formation.leader.core import Leader
 from formation.leader.driving import ramped, token
 from formation.mission.file import load, parse, read
-from formation.protocol import order
-from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from formation.protocol import json_message
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.slots.geofence import Geofence
 from formation.stability.driving import STANDS, Limits, Velocity, first_limits, followable
 from tests.support.fleet import at
@@ -34,7 +35,7 @@ class Driver:
         request = OperatorRequest(
             do="drive", forward=forward, turn_rate=turn_rate, token=self.token, id=self.name
         )
-        reply = order.decode(OperatorReply, self.leader.request(order.encode(request), now))
+        reply = json_message.decode(OperatorReply, self.leader.request(json_message.encode(request), now))
         self.token = reply.token or self.token
         return reply
 
@@ -92,7 +93,7 @@ def test_late_or_recorded_velocity_moves_nothing(delay: float) -> None:
     request = OperatorRequest(do="drive", forward=0.1, turn_rate=0.0, token=driver.token, id=driver.name)
     drive(leader, end + 0.01, min(delay, 2.0))
     place = leader.plan.where()
-    reply = order.decode(OperatorReply, leader.request(order.encode(request), end + delay))
+    reply = json_message.decode(OperatorReply, leader.request(json_message.encode(request), end + delay))
     assert not reply.ok
     assert "too late" in reply.reason
     leader.step(at(end + delay + 0.001), [])
@@ -107,7 +108,7 @@ def test_repeated_request_does_not_prolong_a_velocity(moments: list[int]) -> Non
     request = OperatorRequest(do="drive", forward=0.1, turn_rate=0.0, token=driver.token, id=driver.name)
     for moment in sorted(moments):
         now = end + 0.05 * moment
-        leader.request(order.encode(request), now)
+        leader.request(json_message.encode(request), now)
         leader.step(at(now + 1e-4), [])
         if now > end + DRIVE_TIMEOUT_SECONDS:
             assert leader.mode == "hold"
@@ -127,7 +128,7 @@ def test_second_driver_is_refused_while_the_first_drives() -> None:
 def test_velocity_is_refused_during_hold_and_stop() -> None:
     leader, driver, end = driven()
     for do in ("hold", "stop"):
-        leader.request(order.encode(OperatorRequest(do=do, id=do)), end + 0.01)
+        leader.request(json_message.encode(OperatorRequest(do=do, id=do)), end + 0.01)
         assert not driver.send(end + 0.02, 0.1).ok
         leader.step(at(end + 0.03), [])
         assert leader.mode == do
@@ -136,7 +137,7 @@ def test_velocity_is_refused_during_hold_and_stop() -> None:
 def test_ordered_route_ends_the_drive() -> None:
     leader, _, end = driven()
     speed = OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")
-    leader.request(order.encode(speed), end + 0.01)
+    leader.request(json_message.encode(speed), end + 0.01)
     drive(leader, end + 0.02, 2.0)
     assert leader.mode == "run"
     assert leader.plan.route.id != "driven"

@@ -5,8 +5,9 @@ import random
 import pytest
 
 from formation.mission.route import Route
-from formation.protocol.order import LEADER_TIMEOUT_SECONDS, OperatorReply
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code
+from formation.protocol.request import OperatorReply
 from formation.ros2.messages import Diagnostics, Status, decode
 from formation.wire import Now
 from tests.support.fleet import EPOCH, at

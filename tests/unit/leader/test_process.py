@@ -14,8 +14,8 @@ from formation.leader.core import Leader
 from formation.leader.process import Terms, lead
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import OperatorReply
+from formation.protocol import json_message
+from formation.protocol.request import OperatorReply
 from formation.transport.mailbox import Handler
 from formation.transport.runtime.process import BadInput, Process, clocks
 from formation.wire import Outgoing
@@ -61,7 +61,7 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
             core.step(now._replace(mono=now.mono - ago), ())
         assert leader.leads
         monkeypatch.setattr(leader.candidacy, "_later", True)  # another leader's term has begun
-        reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
+        reply = json_message.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
         assert (reply.ok, reply.leads) == (True, False), "it keeps the hold, and does not lead"
         assert "ann/position" not in {out.key for out in bus.sent}
 
@@ -70,7 +70,7 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
 
 def test_request_before_first_step_sends_nothing() -> None:
     def requested(_: Any, bus: FakeProcess) -> None:
-        assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
+        assert json_message.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
         assert bus.sent == []
 
     run_leader(Leader(SIX), requested)

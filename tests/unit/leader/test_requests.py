@@ -12,9 +12,10 @@ from formation.leader.core import Leader
 from formation.mission.file import load
 from formation.mission.model import Bounds, Mission
 from formation.mission.route import Straight
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.protocol.election import LISTENING_TIME
-from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tuned
+from formation.protocol.order import Order, Tuned
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.ros2.messages import Diagnostics, decode
 from formation.topics import STATUS
 from formation.wire import Outgoing
@@ -128,7 +129,7 @@ def test_status_repeats_each_request_and_reply_for_limited_time() -> None:
     leader, mono = leading(SIX, 10.0), 11.0
     for number, what in enumerate(TEN):
         request = named(OperatorRequest(id=f"{number}", **what), partial(leader.request, received=mono))
-        reply = order.decode(OperatorReply, leader.request(order.encode(request), mono))
+        reply = json_message.decode(OperatorReply, leader.request(json_message.encode(request), mono))
         assert reply.ok, reply.reason
         mono += 0.01
         ((*_, newest),) = step(leader, mono)
@@ -140,9 +141,9 @@ def test_status_repeats_each_request_and_reply_for_limited_time() -> None:
 
 def test_status_contains_a_repeated_refused_request_once() -> None:
     leader = leading(SIX, 10.0)
-    small = order.encode(OperatorRequest(do="scale", factor=0.01, id="a"))
+    small = json_message.encode(OperatorRequest(do="scale", factor=0.01, id="a"))
     for _ in range(3):
-        assert not order.decode(OperatorReply, leader.request(small, 10.0)).ok
+        assert not json_message.decode(OperatorReply, leader.request(small, 10.0)).ok
     ((result,),) = step(leader, 11.0)
     assert (result["do"], result["factor"], result["ok"]) == ("scale", 0.01, False)
     assert "would touch" in result["reason"]
@@ -153,18 +154,18 @@ def test_refusal_with_long_robot_names_is_complete() -> None:
     for name, long in (("robot3", "a" * 64), ("robot4", "b" * 64)):
         text = text.replace(f'"{name}"', f'"{long}"')
     leader = leading(Mission.model_validate(json.loads(text)), 10.0)
-    small = order.encode(OperatorRequest(do="scale", factor=0.1, id="a"))
-    reason = order.decode(OperatorReply, leader.request(small, 10.0)).reason
+    small = json_message.encode(OperatorRequest(do="scale", factor=0.1, id="a"))
+    reason = json_message.decode(OperatorReply, leader.request(small, 10.0)).reason
     assert len(reason) > 200
     assert reason.endswith("; scale must be above 0.201")
 
 
 def test_repeated_request_reports_current_leadership() -> None:
-    leader, stop = Leader(SIX), order.encode(OperatorRequest(do="stop", id="a"))
+    leader, stop = Leader(SIX), json_message.encode(OperatorRequest(do="stop", id="a"))
     leader.step(at(0.0), [])  # it still listens
-    assert order.decode(OperatorReply, leader.request(stop, 0.0)).leads is False
+    assert json_message.decode(OperatorReply, leader.request(stop, 0.0)).leads is False
     leader.step(at(LISTENING_TIME), [])
-    assert order.decode(OperatorReply, leader.request(stop, 0.0)).leads is True
+    assert json_message.decode(OperatorReply, leader.request(stop, 0.0)).leads is True
 
 
 @pytest.mark.slow
@@ -174,7 +175,7 @@ def test_status_drops_oldest_requests_with_long_routes() -> None:
     legs = [{"waypoints": [[9e4 - k, 9e4]], "speed": 1.0} for k in range(300)]
     for k in range(9):
         request = json.dumps({"do": "route", "legs": legs, "id": str(k)}).encode()
-        assert order.decode(OperatorReply, leader.request(request, 0.0)).ok
+        assert json_message.decode(OperatorReply, leader.request(request, 0.0)).ok
     (result,) = requested(leader.step(at(0.01), []))
     assert 1 <= len(result) < 9
     assert result[-1]["id"] == "8"

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from formation.leader.route import NamedRoute
 from formation.mission.file import parse
 from formation.mission.route import Circle, Leg, Straight, Waypoints
-from formation.protocol.order import (
+from formation.protocol.attachment import (
     MAX_ATTACHMENT_BYTES,
-    MAX_REQUEST_BYTES,
     MAX_SIGNED_BYTES,
     PositionAttachment,
     ReceivedPosition,
-    encode,
 )
+from formation.protocol.json_message import encode
+from formation.protocol.request import MAX_REQUEST_BYTES
 from formation.ros2.messages import MAX_PAYLOAD_BYTES as MAX_MESSAGE
 from formation.ros2.messages import Text
 from formation.ros2.messages import encode as encode_message

@@ -9,8 +9,9 @@ import pytest
 from formation.leader.core import Leader
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Ballot, Order
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot
+from formation.protocol.order import Order
 from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
 from formation.wire import Outgoing
@@ -38,7 +39,7 @@ def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[f
             return mono, outbox
         for out in outbox:
             if out.key == BALLOT.key(leader.name):
-                received = order.decode(Ballot, decode(Text, out.payload).text.encode())
+                received = json_message.decode(Ballot, decode(Text, out.payload).text.encode())
         mono += 0.02
     raise AssertionError("no candidate was elected")
 
@@ -176,7 +177,7 @@ def led(mission: Mission, *, readonly: bool = False, shadow: bool = False) -> li
             result.append(relayed("bob", None, readonly=True, publisher="shadow", of=mission))
         for out in leader.step(at(0.02 * k), [arriving(one, 0.02 * k) for one in result]):
             if out.key == BALLOT.key(leader.name):
-                received = order.decode(Ballot, decode(Text, out.payload).text.encode())
+                received = json_message.decode(Ballot, decode(Text, out.payload).text.encode())
         leads.append(leader.leads)
     return leads
 

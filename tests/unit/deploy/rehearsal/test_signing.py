@@ -12,8 +12,9 @@ from formation.deploy.rehearsal.signing import IN_A_ROW, Insider, Keys
 from formation.leader.core import Leader
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import json_message, order
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order
 from formation.topics import POSITION
 from formation.transport.security.verifying import Verifier
 from formation.wire import Outgoing, Sample
@@ -28,10 +29,10 @@ HELD = Order(term=64, beat=7, mode="hold", shape="line")
 
 def relayed(given: Order, by: str = "leader") -> Outgoing:
     """A position message of robot2 with an order that `by` has signed."""
-    text = order.encode(given).decode()
+    text = json_message.encode(given).decode()
     signature = KEYS.signer(by).sign(order.statement(PATROL.fingerprint, text))
     attachment = PositionAttachment(publisher_id="a", count=1, order=given, signed=text, signature=signature)
-    return Outgoing(POSITION.key("robot2"), b"", order.encode(attachment))
+    return Outgoing(POSITION.key("robot2"), b"", json_message.encode(attachment))
 
 
 def verified(verifier: Verifier, out: Outgoing) -> Sample:
@@ -55,14 +56,14 @@ def test_verifier_rejects_every_forgery_of_insider() -> None:
     for _ in range(6 * IN_A_ROW + 1):
         tampered = insider.tamper(relayed(HELD))
         assert tampered.attachment is not None
-        attachment = order.decode(PositionAttachment, tampered.attachment)
+        attachment = json_message.decode(PositionAttachment, tampered.attachment)
         true_one = (attachment.signed, attachment.signature) == _signed(recorded)
         assert attachment.order != HELD
         assert true_one or attachment.order is None or verified(verifier, tampered).unverified
 
 
 def _signed(out: Outgoing) -> tuple[str, str]:
-    attachment = order.decode(PositionAttachment, out.attachment or b"")
+    attachment = json_message.decode(PositionAttachment, out.attachment or b"")
     return attachment.signed, attachment.signature
 
 

@@ -29,8 +29,9 @@ from formation.monitor.metrics.events import (
 from formation.monitor.metrics.words import as_json, diagnostics, line
 from formation.monitor.report import tables
 from formation.monitor.web import routes
-from formation.protocol import order
-from formation.protocol.order import PositionAttachment, Slots
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Slots
 from formation.protocol.status import CollisionMode, MotionFault, Sight
 from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encode
 from formation.topics import EVENTS, STATUS
@@ -443,7 +444,7 @@ def test_end_of_shape_transition_is_reported_as_formed() -> None:
 def with_attachment(at: float, **values: Any) -> Sample:
     """A position of robot3 with these values in its attachment."""
     attachment = PositionAttachment.model_validate({"publisher_id": "a", "count": 1, **values})
-    return Fleet().position("robot3", at)._replace(attachment=order.encode(attachment))
+    return Fleet().position("robot3", at)._replace(attachment=json_message.encode(attachment))
 
 
 def test_unavailable_at_the_start_is_no_warning() -> None:

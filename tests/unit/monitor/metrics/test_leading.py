@@ -9,8 +9,8 @@ from formation.monitor.metrics.keys import watched
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.orders import leader_of
 from formation.monitor.metrics.words import line
-from formation.protocol import order
-from formation.protocol.order import Ballot
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot
 from formation.ros2.messages import Text
 from formation.topics import BALLOT, POSITION, ROUTE, STATUS
 from tests.support.monitored import (
@@ -163,7 +163,7 @@ def test_order_with_far_future_term_is_ignored() -> None:
 def test_invalid_ballots_are_rejected_and_counted() -> None:
     metrics = Metrics(with_standbys())
     good = Ballot(term=SECOND, number=1, candidacy="candidate", mission=with_standbys().tag)
-    ballot = Text(order.encode(good).decode())
+    ballot = Text(json_message.encode(good).decode())
     receive(metrics, [sample_of(BALLOT.key("spare1"), ballot, 10.0)])
     assert not metrics.rejections.by_reason
     bad = {"spare2": ballot, "robot1": Text("{}")}

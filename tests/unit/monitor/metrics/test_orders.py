@@ -12,8 +12,9 @@ from formation.mission.file import load, parse, read
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.orders import Orders
 from formation.monitor.metrics.words import as_json
-from formation.protocol import order
-from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
+from formation.protocol import json_message
+from formation.protocol.attachment import PositionAttachment
+from formation.protocol.order import Order, Slots, Tuned
 from formation.slots.shape import PlacedShape
 from tests.support.monitored import EPOCH, Fleet, driven, now, received
 
@@ -80,7 +81,7 @@ def test_slots_are_interpolated_linearly_between_orders(
 def test_slots_of_unknown_shape_are_rejected() -> None:
     fleet = Fleet(wants=lambda _: {"slots": Slots(mix={"hexagon": 0.5, "star": 0.5})})
     result = PositionAttachment(publisher_id="leader", count=1, order=fleet.order(10.0))
-    position = Fleet().position("robot1", 10.0)._replace(attachment=order.encode(result))
+    position = Fleet().position("robot1", 10.0)._replace(attachment=json_message.encode(result))
     metrics = received(fleet, position)
     assert metrics.rejections.by_reason == {"robot1/position: unknown shape": 1}
     assert metrics.orders.newest is None

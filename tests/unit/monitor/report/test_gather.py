@@ -20,8 +20,8 @@ from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overl
 from formation.monitor.report.parts import View
 from formation.monitor.report.summary import notices, verdict
 from formation.monitor.report.thin import Curves, Extremes, Samples, Size, Spread
-from formation.protocol import order
-from formation.protocol.order import Ballot
+from formation.protocol import json_message
+from formation.protocol.attachment import Ballot
 from formation.ros2.messages import Text
 from formation.topics import BALLOT, CMD_VEL, POSITION
 from formation.wire import Sample
@@ -237,7 +237,7 @@ def found_terms(samples: Iterable[Sample]) -> list[LeaderTerm]:
 
 def ballot(name: str, term: int, number: int, time: float, candidacy: str = "leader") -> Sample:
     what = Ballot.model_validate({"term": term, "number": number, "candidacy": candidacy})
-    return sample_of(BALLOT.key(name), Text(order.encode(what).decode()), time)
+    return sample_of(BALLOT.key(name), Text(json_message.encode(what).decode()), time)
 
 
 def test_leader_terms_without_overlap_are_found_with_gaps() -> None:

@@ -17,7 +17,7 @@ from formation.monitor.web.control import (
     Overruled,
     Precedence,
 )
-from formation.protocol.order import OperatorRequest
+from formation.protocol.request import OperatorRequest
 from formation.protocol.stops import RESTS
 
 LATER = max(DOUBLE_CLICK_TIME, UNSEEN_STOP_TIME) + 0.1
