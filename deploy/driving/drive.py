@@ -26,6 +26,7 @@ from formation.stability.driving import first_limits
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
 from formation.transport.mailbox import Question
+from formation.transport.runtime.clock import monotonic
 from formation.wire import BadMessage
 
 EXAMPLES = """\
@@ -98,11 +99,11 @@ class _Drive:
 
     def step(self, share: Share) -> None:
         """Send the velocity, take answers for a period, and show the state."""
-        sent = time.monotonic()
+        sent = monotonic()
         forward, turn_rate = share.forward * self._speed, share.turn * self._turn_rate
         keys, payload = self._remote.request(forward, turn_rate, sent)
         self._open += [(self._bus.question(key, payload, DRIVE_TIMEOUT_SECONDS), sent) for key in keys]
-        while (now := time.monotonic()) < sent + PERIOD_SECONDS:
+        while (now := monotonic()) < sent + PERIOD_SECONDS:
             self._take(now)
             time.sleep(0.002)
         self._show(f"{forward:+.2f} m/s {turn_rate:+.2f} rad/s  {self._remote.state.words(now)}")
@@ -144,7 +145,7 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
             except BadMessage as bad:
                 raise Ended(1, f"{sample.key}: {bad}") from None
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
-        return twists.velocity(time.monotonic())
+        return twists.velocity(monotonic())
 
     with listening(options.ros, (options.topic,), options.domain) as bus:
         yield read
@@ -160,7 +161,7 @@ def _gamepad(path: Path) -> Iterator[Callable[[], Share]]:
 
     def read() -> Share:
         gamepad.read(file)
-        share = gamepad.velocity(time.monotonic())
+        share = gamepad.velocity(monotonic())
         if share is None:
             raise Ended(1, f"{path} failed")
         return share
@@ -179,11 +180,11 @@ def _keys() -> Iterator[Callable[[], Share]]:
     import tty  # noqa: PLC0415
 
     file, keys = sys.stdin.fileno(), Keys()
-    before, last_read = termios.tcgetattr(file), time.monotonic()
+    before, last_read = termios.tcgetattr(file), monotonic()
 
     def read() -> Share:
         nonlocal last_read
-        now = time.monotonic()
+        now = monotonic()
         waited, last_read = now - last_read > KEY_SECONDS, now
         while select.select([file], [], [], 0.0)[0]:
             data = os.read(file, 64)

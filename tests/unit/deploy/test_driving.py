@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from argparse import Namespace
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +31,11 @@ from formation.deploy.driving.remote import Remote
 from formation.mission.file import load
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply, OperatorRequest
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.ros2.messages import Twist, encode
+from formation.transport.runtime import clock
+from formation.wire import Sample
 
 PATROL = load("patrol")
 
@@ -99,7 +106,7 @@ def test_keys_buffered_for_seconds_are_ignored(monkeypatch: pytest.MonkeyPatch) 
     with os.fdopen(slave) as terminal:
         monkeypatch.setattr("sys.stdin", terminal)
         times = iter((0.0, 0.05, 3.0, 3.05))
-        monkeypatch.setattr(drive, "time", SimpleNamespace(monotonic=times.__next__))
+        monkeypatch.setattr(drive, "monotonic", times.__next__)
         with drive._keys() as read:
             assert read() == RELEASED
             os.write(master, b"i")
@@ -114,6 +121,20 @@ def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
     twists.take(0.1, -5.0, 1.0)
     assert twists.velocity(1.0) == Share(0.5, -1.0)
     assert twists.velocity(1.0 + TWIST_SECONDS) == RELEASED
+
+
+def test_twist_expires_after_the_machine_was_suspended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clock, "_SUSPENDED", clock._SUSPENDED - 3600.0)  # for an hour, since the start
+    samples = [
+        Sample("cmd_vel", encode(Twist(0.1, 0.0)), None, clock.monotonic() - age)
+        for age in (0.0, TWIST_SECONDS)
+    ]
+    bus = SimpleNamespace(drain=lambda: [samples.pop(0)])
+    monkeypatch.setattr(drive, "listening", lambda *_: nullcontext(bus))
+    options = Namespace(ros="", topic="/cmd_vel", domain=0)
+    with drive._topic(options, Twists(0.2, 1.0)) as read:
+        assert read() == Share(0.5, 0.0)
+        assert read() == RELEASED
 
 
 def replied(robot: str, token: int, *, leads: bool = True, reason: str = "") -> bytes:
