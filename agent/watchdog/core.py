@@ -188,11 +188,13 @@ class Watchdog:
 
     def _check_age(self, value: float, arrived: float) -> None:
         """Refuse a sign of life that was delayed. Raises BadMessage."""
-        if value < self._sign:  # of an agent that was restarted
+        # of an agent that began after the newest sign; a lower number is otherwise a repetition
+        began = self.state is not WatchdogState.WATCHING or value <= arrived - self._received
+        if value < self._sign and began:
             self._ahead = float("-inf")
-        self._sign, self._ahead = value, max(self._ahead, value - arrived)
         if (late := self._ahead - (value - arrived)) > MAX_SIGN_DELAY:
             raise BadMessage(f"sign of life {late:.1f} s late, at most {MAX_SIGN_DELAY:g} s")
+        self._sign, self._ahead = value, max(self._ahead, value - arrived)
 
     def _happens(self, event: Event, moment: float) -> None:
         before, self.state = self.state, TABLE[self.state, event]

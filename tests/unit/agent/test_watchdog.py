@@ -222,6 +222,23 @@ def test_queued_signs_of_life_count_from_their_arrival() -> None:
     assert len(watchdog.step(at(1.0), steady(0.05, 0.8))) == 1
 
 
+@pytest.mark.parametrize("later", [0.6, 1.0, 3.0])
+def test_repeated_signs_of_life_do_not_delay_braking(later: float) -> None:
+    signs = steady(0.0, 10.0)
+    repeated = [sample._replace(arrived=sample.arrived + later) for sample in signs]
+    watchdog = connected()
+    assert run_loop(watchdog, 0.0, 10.5, signs + repeated)[0] == pytest.approx(10.0 + LIMIT)
+
+
+def test_younger_agent_counts_soon_after_the_older_has_died() -> None:
+    watchdog = connected()
+    result = run_loop(watchdog, 0.0, 20.0, steady(0.0, 10.0) + steady(5.02, 20.02))
+    assert result
+    assert min(result) >= 10.0 + LIMIT
+    assert max(result) <= 10.0 + LIMIT + PERIOD
+    assert watchdog.state is WatchdogState.WATCHING
+
+
 def test_watchdog_subscribes_to_alive_and_publishes_only_cmd_vel() -> None:
     for name, kind in (("six_robots", "twist"), ("turtlebot3_pair", "twist_stamped")):
         mission = load(name)
