@@ -83,7 +83,7 @@ class Leader:
         self.name = self.robot = mission.leader if name is None else name
         self.dropped: Counter[str] = Counter()
         """Count of rejected messages, by key."""
-        self.plan = Plan(mission, hold=hold, signed=signer is not None)
+        self.plan = Plan(mission, hold=hold, signed=signer is not None, publisher_id=publisher_id)
         self.mission, self._anew, self._publisher_id, self._signer = mission, anew, publisher_id, signer
         self._forged: dict[str, tuple[int, str, float]] = {}  # by robot: how many, why, when [s, monotonic]
         self.candidacy = Candidacy(mission, self.name, known)

@@ -1,15 +1,17 @@
 """Driving by hand: velocities that a driver sends again and again, each of which expires soon.
 
-Each reply of the leader has a *token*, its own monotonic clock [ms]. A velocity must return the token of a
-reply: the leader accepts it within `DRIVE_TIMEOUT_SECONDS` of that reply, and moves by it no longer than
-that. So however late, repeated or recorded a message is, and whatever a clock says, the leader stands at most
-`DRIVE_TIMEOUT_SECONDS` after the driver's newest input. The first request of a driver has no token and moves
-nothing.
+Each reply of the leader has a *token*, its own monotonic clock [ms] from a number on that it draws at its
+start. A velocity must return the token of a reply: the leader accepts it within `DRIVE_TIMEOUT_SECONDS` of
+that reply, and moves by it no longer than that. So however late, repeated or recorded a message is, and
+whatever a clock says, the leader stands at most `DRIVE_TIMEOUT_SECONDS` after the driver's newest input. A
+token of another process is never valid by chance of two clocks. The first request of a driver has no token
+and moves nothing.
 """
 
 from __future__ import annotations
 
 import math
+from zlib import crc32
 
 from formation.control.plane import clip
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
@@ -35,15 +37,11 @@ def ramped(before: Velocity, wanted: Velocity, within: Limits, dt: float) -> Vel
     )
 
 
-def token(moment: float) -> int:
-    """Return the token of a reply at `moment` [s, monotonic]."""
-    return math.floor(moment / TOKEN_SECONDS)
-
-
 class Driver:
     """The driver of one leader: its newest accepted velocity, and until when that counts."""
 
-    def __init__(self) -> None:
+    def __init__(self, publisher_id: str = "") -> None:
+        """`publisher_id`: of the leader's process, from which the first token follows."""
         self.name = ""
         """Id of the driver; empty before the first."""
         self.wanted = STANDS
@@ -53,6 +51,11 @@ class Driver:
         """When it expires [s, monotonic]."""
         self.newest = 0
         """Newest token that was returned."""
+        self._first = crc32(publisher_id.encode())
+
+    def token(self, moment: float) -> int:
+        """Return the token of a reply at `moment` [s, monotonic]."""
+        return self._first + math.floor(moment / TOKEN_SECONDS)
 
     def live(self, moment: float) -> bool:
         """Whether its velocity counts at `moment` [s, monotonic], and is not zero."""
@@ -67,7 +70,7 @@ class Driver:
 
         A request that is repeated returns the same token: it counts again, and expires with it.
         """
-        issued = returned * TOKEN_SECONDS
+        issued = (returned - self._first) * TOKEN_SECONDS
         age = moment - issued
         if returned == 0:
             return Result(ok=False, reason="the first request fetches a token", code="first")

@@ -110,8 +110,13 @@ class TeamMode:
 class Plan:
     """The mode, the route, the shape and the cohesion of a leader."""
 
-    def __init__(self, mission: Mission, *, hold: bool = False, signed: bool = False) -> None:
-        """With `hold`, wait until told to run, unless the fleet is under way; `signed`: orders are signed."""
+    def __init__(
+        self, mission: Mission, *, hold: bool = False, signed: bool = False, publisher_id: str = ""
+    ) -> None:
+        """With `hold`, wait until told to run, unless the fleet is under way; `signed`: orders are signed.
+
+        `publisher_id` is that of its process.
+        """
         self.team_mode = TeamMode(hold=hold)
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
@@ -120,13 +125,13 @@ class Plan:
         self.cohesion = Cohesion(mission)
         self.tuned: Tuned | None = None
         """Gains that replace the mission's."""
-        self.driver = Driver()
+        self.driver = Driver(publisher_id)
         """Its velocity where it is driven by hand."""
         self.fenced: Breach | None = None
         """What would leave the bounds if the leader went on; None if nothing."""
         self.tells_motion = mission.law.uses_orders(signed=signed)
         """Whether orders give the leader's velocity."""
-        self._mission, self._fence = mission, Geofence(mission)
+        self._mission, self._fence, self._publisher_id = mission, Geofence(mission), publisher_id
         self._routes = {"": self.route}
 
     @property
@@ -245,7 +250,7 @@ class Plan:
         if order.driven and order.place is not None:
             at, heading = complex(order.place.x, order.place.y), cmath.rect(1.0, order.place.heading)
             self.route, self.route_time = NamedRoute.driven(at, heading, 0.0, 0.0), 0.0
-            self.driver = Driver()
+            self.driver = Driver(self._publisher_id)
             self._restore_shape(order)
             return
         route = self._routes.get(order.route)

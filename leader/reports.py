@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from formation.leader.driving import token
 from formation.leader.plan import Plan
 from formation.protocol import json_message
 from formation.protocol.addressed import Addressee
@@ -86,7 +85,7 @@ class OperatorRequests:
             return self.reply(ok=False, reason=why)
         if request.do == "drive":
             ok, reason, code = self._plan.drive(request, received)
-            return self.reply(ok=ok, reason=reason, code=code, token=token(received))
+            return self.reply(ok=ok, reason=reason, code=code, token=self._plan.driver.token(received))
         if request.do == "run" and not self._seat().leads and self._seat().candidacy != "listening":
             # by the next repetition it may lead, and then handles it as a new request
             return self._answered(self._plan.team_mode.change(request, "", leads=False))

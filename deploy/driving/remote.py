@@ -14,6 +14,9 @@ from formation.wire import BadMessage
 
 PERIOD_SECONDS = 0.05
 """Time between two requests [s]."""
+MAX_TOKEN_LAG = DRIVE_TIMEOUT_SECONDS * 1e3
+"""By how much a token may be lower than an earlier one of the same process, as replies overtake each other
+[ms]."""
 
 
 class State(NamedTuple):
@@ -76,5 +79,6 @@ class Remote:
             if not reply.leads or reply.robot not in self._candidates:
                 continue
             other = self.state.reply is None or reply.robot != self.state.reply.robot
-            self._token = reply.token if other else max(self._token, reply.token)
+            anew = self._token - reply.token > MAX_TOKEN_LAG  # of a leader that was restarted
+            self._token = reply.token if other or anew else max(self._token, reply.token)
             self.state = State(reply, now, now - sent)

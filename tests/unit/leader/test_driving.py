@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.leader.core import Leader
-from formation.leader.driving import ramped, token
+from formation.leader.driving import ramped
 from formation.mission.file import load, parse, read
 from formation.protocol import json_message
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
@@ -184,7 +184,18 @@ def test_ramp_goes_towards_the_wanted_velocity(forward: float, turn_rate: float,
 
 
 def test_token_is_the_leaders_clock_in_milliseconds() -> None:
-    assert token(12.3456) == 12345
+    assert leading(CONVOY).plan.driver.token(12.3456) == 12345
+
+
+def test_token_of_another_process_moves_nothing() -> None:
+    """Whatever the clocks of both say: those of two machines, or before and after a reboot."""
+    _, driver, end = driven()
+    other = Leader(CONVOY, publisher_id="another")
+    drive(other, 0.0, end)
+    driver.leader = other
+    assert "too late" in driver.send(end + 0.05, 0.1).reason
+    assert other.plan.route.id != "driven"
+    assert driver.send(end + 0.1, 0.1).ok
 
 
 def test_turning_leader_keeps_slots_within_the_bounds() -> None:
