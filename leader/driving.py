@@ -52,6 +52,8 @@ class Driver:
         self.newest = 0
         """Newest token that was returned."""
         self._first = crc32(publisher_id.encode())
+        self._ended = False  # whether a route was ordered, and no driver has taken the leader from it
+        self._began = self._let_go = ""  # drivers that have begun, or let go, since
 
     def token(self, moment: float) -> int:
         """Return the token of a reply at `moment` [s, monotonic]."""
@@ -65,6 +67,16 @@ class Driver:
         """Start the next motion from rest."""
         self.velocity = STANDS
 
+    def end(self) -> None:
+        """Leave the leader to an ordered route, until a driver begins, or lets go and drives again."""
+        self._ended, self._began, self._let_go = True, "", ""
+
+    def _takes(self, name: str, wanted: Velocity) -> bool:
+        """Whether a velocity ends the route that was ordered; zero is no wish to drive, but lets go."""
+        if wanted == STANDS:
+            self._let_go = name
+        return name == self._began or (name == self._let_go and wanted != STANDS)
+
     def accept(self, name: str, wanted: Velocity, returned: int, moment: float) -> Result:
         """Take a velocity, and the token that its request returned; return whether it counts, or why not.
 
@@ -73,6 +85,7 @@ class Driver:
         issued = (returned - self._first) * TOKEN_SECONDS
         age = moment - issued
         if returned == 0:
+            self._began = name
             return Result(ok=False, reason="the first request fetches a token", code="first")
         if not 0.0 <= age <= DRIVE_TIMEOUT_SECONDS:
             late = f"too late: it answers a reply from {age:.2f} s ago; limit {DRIVE_TIMEOUT_SECONDS:g} s"
@@ -83,7 +96,10 @@ class Driver:
         released = returned == self.newest and self.wanted == STANDS and wanted != STANDS
         if name == self.name and (returned < self.newest or released):
             return Result(ok=False, reason="overtaken by a newer one")
-        self.name, self.wanted, self.newest = name, wanted, returned
+        if self._ended and not self._takes(name, wanted):
+            self.name, self.wanted, self.newest = name, STANDS, returned
+            return Result(ok=False, reason="a route or a speed was ordered: let go, then drive again")
+        self.name, self.wanted, self.newest, self._ended = name, wanted, returned, False
         self.until = issued + DRIVE_TIMEOUT_SECONDS
         return Result(ok=True)
 

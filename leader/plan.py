@@ -253,6 +253,7 @@ class Plan:
             self.driver = Driver(self._publisher_id)
             self._restore_shape(order)
             return
+        self.driver.end()
         route = self._routes.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)
         if route is not None and (
@@ -329,6 +330,7 @@ class Plan:
         self.route = route
         self.learn(self.route)
         self.route_time, self.fenced = 0.0, None
+        self.driver.end()
         waits = self.team_mode.replace_lost()
         lasts = "without an end" if math.isinf(self.route.total) else f"of {self.route.total:.3g} s"
         answer = f"on a route {lasts} from where it is{', once you order run' if waits else ''}"
