@@ -116,7 +116,7 @@ class Restorer:
     """What one agent restores of the one before it, and saves for the next."""
 
     def __init__(self, agent: Agent, boot: str) -> None:
-        """`boot` is the id of the time since this machine was switched on; empty if unknown."""
+        """`boot` is the id of the time since this machine was switched on or woke; empty if unknown."""
         self._agent, self._boot = agent, boot
         self._mission = agent.mission
         self._external = self._mission.robots[agent.robot].localisation == "external"
@@ -272,7 +272,7 @@ class Restorer:
             return f"it has voted for an {bad}"
         age = now.mono - saved.mono
         if saved.boot != self._boot or not self._boot or age < 0.0:
-            return "the machine has been switched off meanwhile"
+            return "the machine has been switched off or suspended meanwhile"
         return (
             f"it was saved {age:.0f} s ago, which is more than {MAX_STATE_AGE:.0f} s"
             if age > MAX_STATE_AGE
@@ -323,7 +323,7 @@ class Persistence:
     """Connects one agent with the folder of its saved state."""
 
     def __init__(self, agent: Agent, store: _Files, boot: str) -> None:
-        """`boot` is the id of the time since this machine was switched on; empty if unknown."""
+        """`boot` is the id of the time since this machine was switched on or woke; empty if unknown."""
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]
         self._requested = False  # since the newest step

@@ -17,6 +17,7 @@ from pathlib import Path
 from zlib import crc32
 
 from formation.agent.persistence.state import Json
+from formation.transport.runtime.clock import suspended
 
 MAX_FILE_BYTES = 64 * 1024
 """Greatest size of a file that an agent wrote [bytes]."""
@@ -26,11 +27,12 @@ _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 def boot_id() -> str:
-    """Id of the time since this machine was switched on; empty if unknown."""
+    """Id of the time since this machine was switched on, or woke for the last time; empty if unknown."""
     try:
-        return _BOOT.read_text(encoding="ascii").strip()
+        boot = _BOOT.read_text(encoding="ascii").strip()
     except OSError:
         return ""
+    return f"{boot} {slept}" if boot and (slept := suspended()) else boot
 
 
 def state_line(state: Json) -> bytes:

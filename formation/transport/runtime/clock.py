@@ -28,6 +28,14 @@ _SUSPENDED = _offset()
 """Before this process started [s]."""
 
 
+def suspended() -> int:
+    """How long the machine was suspended before this process started [s]: `monotonic` leaves that out.
+
+    So times of two processes can be compared only if this is the same for both.
+    """
+    return round(_SUSPENDED)
+
+
 def monotonic() -> float:
     """Monotonic time, suspensions of the machine included [s]."""
     return _since_boot() - _SUSPENDED

@@ -21,6 +21,7 @@ from formation.agent.persistence.restore import (
     RESTORE_TRIAL_TIME,
     SAVE_PERIOD,
 )
+from formation.agent.persistence.store import boot_id
 from formation.agent.process import Sides, drive
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.file import load
@@ -29,6 +30,7 @@ from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry, Pose
 from formation.topics import ODOM, POSE
+from formation.transport.runtime import clock
 from formation.transport.runtime.process import clocks
 from tests.support import meddling
 from tests.support.fleet import Fleet
@@ -143,8 +145,8 @@ CHANGES: dict[str, tuple[dict[str, Any], str]] = {
     "mission": ({"mission": "another"}, "it is of mission another, this one of"),
     "law": ({"law": "paper"}, "it is of law paper, this one of field"),
     "robot": ({"robot": "robot4"}, "it is of robot robot4, this one of robot3"),
-    "boot": ({"boot": "another"}, "the machine has been switched off meanwhile"),
-    "future": ({"mono": 1e6}, "the machine has been switched off meanwhile"),
+    "boot": ({"boot": "another"}, "the machine has been switched off or suspended meanwhile"),
+    "future": ({"mono": 1e6}, "the machine has been switched off or suspended meanwhile"),
     "missing field": ({"here": {}}, "cannot be read: here.stream: Field required"),
     "negative term": ({"voted_term": -1}, "cannot be read: voted_term"),
     "absurd term": ({"voted_term": 2**62}, "voted for an absurd term: begins"),
@@ -162,6 +164,13 @@ def test_foreign_or_invalid_state_is_refused_and_logged(
     assert result.startswith("starts without the saved state: ")
     assert words in result
     assert team.agents["robot3"].decision.state is AgentState.RUN
+
+
+def test_machine_that_slept_has_another_boot_id(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The monotonic clock of a process leaves out what the machine slept before its start."""
+    before = boot_id()
+    monkeypatch.setattr(clock, "_SUSPENDED", clock._SUSPENDED + 7200.0)
+    assert boot_id() == boot_id() != before
 
 
 @pytest.mark.parametrize(
