@@ -39,7 +39,7 @@ from formation.protocol.status import Localised
 from formation.ros2.messages import MapPose, Odometry, Pose, Transforms, decode
 from formation.ros2.ros import MAX_POSITION
 from formation.topics import AMCL_POSE, TF
-from formation.wire import Handler, Now, Sample
+from formation.wire import BadMessage, Handler, Now, Sample
 
 START_HEADING_TIME = 1.0
 """Time under way after which a fleet no longer faces as its mission's start says [s]."""
@@ -266,7 +266,10 @@ class Localisation:
 
     def _take_map_pose(self, sample: Sample, _now: Now) -> None:
         """Place odometry by a localiser's pose. Raises BadMessage."""
-        pose = decode(MapPose, sample.payload)
+        pose, last = decode(MapPose, sample.payload), self._source.state.last
+        frame = pose.frame.removeprefix("/")
+        if isinstance(last, Odometry) and frame == last.frame.removeprefix("/") != MAP_FRAME:
+            raise BadMessage(f"pose in the frame of odometry, {frame}: must be in the map's")
         if self.map_frame is not None:
             self._relocalised(self.map_frame.take_pose(pose))
 

@@ -406,6 +406,25 @@ def test_robot_holds_after_odometry_restart_during_gap() -> None:
     assert abs(agent.here.state.position - plant.position) < 0.01
 
 
+def test_pose_in_frame_of_odometry_places_no_robot() -> None:
+    """Such as that of a filter of odometry, remapped to the localiser's topic by mistake."""
+
+    def meddle(sample: Sample) -> tuple[Sample, ...]:
+        if sample.key != ODOM.key("robot1"):
+            return () if sample.key == AMCL_POSE.key("robot1") else (sample,)
+        odometry = decode(Odometry, sample.payload)
+        pose = MapPose(odometry.stamp, odometry.position, odometry.heading, frame="/odom")
+        return sample, sample._replace(key=AMCL_POSE.key("robot1"), payload=encode(pose))
+
+    fleet = Fleet(PAIR)
+    fleet.meddle = meddle
+    fleet.run(2.0)
+    agent = fleet.agents["robot1"]
+    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
+    assert agent.command == AT_REST
+    assert "frame of odometry" in agent.inbox.state.last_dropped[AMCL_POSE.key("robot1")]
+
+
 @pytest.mark.parametrize("off", [0j, 0.05])
 def test_placement_from_before_gap_is_taken_only_by_trust(off: complex) -> None:
     """It is right only if the robot is where its earlier odometry began: an operator decides.
