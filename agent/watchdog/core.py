@@ -24,6 +24,7 @@ from types import MappingProxyType
 from formation.agent.safety.commander import FAREWELL
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
+from formation.protocol.lateness import Quickest, quickest
 from formation.protocol.status import WatchdogState
 from formation.ros2.messages import Number, Twist, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
@@ -112,7 +113,7 @@ class Watchdog:
         self._since = float("inf")  # when the state was entered, or entered again [s, monotonic]
         self._zero_due = float("inf")  # [s, monotonic]
         self._sign = float("-inf")  # newest sign of life, by the agent's clock [s]
-        self._ahead = float("-inf")  # most that the agent's clock was ahead of arrival [s]
+        self._quickest: Quickest | None = None  # its quickest sign of life
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -190,11 +191,11 @@ class Watchdog:
         """Refuse a sign of life that was delayed. Raises BadMessage."""
         # of an agent that began after the newest sign; a lower number is otherwise a repetition
         began = self.state is not WatchdogState.WATCHING or value <= arrived - self._received
-        if value < self._sign and began:
-            self._ahead = float("-inf")
-        if (late := self._ahead - (value - arrived)) > MAX_SIGN_DELAY:
+        if self._quickest is None or (value < self._sign and began):
+            self._quickest = quickest(value, arrived)
+        if (late := self._quickest.lateness(value, arrived)) > MAX_SIGN_DELAY:
             raise BadMessage(f"sign of life {late:.1f} s late, at most {MAX_SIGN_DELAY:g} s")
-        self._sign, self._ahead = value, max(self._ahead, value - arrived)
+        self._sign, self._quickest = value, self._quickest.followed_by(value, arrived)
 
     def _happens(self, event: Event, moment: float) -> None:
         before, self.state = self.state, TABLE[self.state, event]

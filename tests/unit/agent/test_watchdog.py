@@ -230,6 +230,15 @@ def test_repeated_signs_of_life_do_not_delay_braking(later: float) -> None:
     assert run_loop(watchdog, 0.0, 10.5, signs + repeated)[0] == pytest.approx(10.0 + LIMIT)
 
 
+def test_agent_with_slower_clock_counts_all_the_time() -> None:
+    """The agent runs on another machine; no clock is set by the network."""
+    watchdog, slower = connected(), 1.0 - 4e-4
+    signs = [sign(moment, slower * moment) for moment in (i * PERIOD for i in range(36_000))]
+    assert watchdog.step(at(0.0), signs[:1]) == []
+    for one in signs[1:]:
+        assert watchdog.step(at(one.arrived), [one]) == []
+
+
 def test_younger_agent_counts_soon_after_the_older_has_died() -> None:
     watchdog = connected()
     result = run_loop(watchdog, 0.0, 20.0, steady(0.0, 10.0) + steady(5.02, 20.02))
