@@ -27,6 +27,8 @@ PERIOD_SECONDS = 0.1
 """Wait for messages, at most [s]."""
 MAX_WAYPOINTS = 300
 """Most points of a route; of a longer path every other is left out, as often as needed."""
+WORLD_FRAME = "map"
+"""The frame in which robots publish their positions."""
 SPEED_SHARE = 0.6
 """Speed on the route by default, as a share of the greatest that followers can follow."""
 EXAMPLES = """\
@@ -34,8 +36,9 @@ EXAMPLES = """\
   formation follow convoy --paths /plan --speed 0.1  the path of Nav2's planner
 
 Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path
-(nav_msgs/Path) a route along its points, in the frame of the mission's world. The newest replaces the one
-before. The answers of the leader are printed. A fleet that is held stays held: `formation order MISSION run`.
+(nav_msgs/Path) a route along its points. Both must be in the frame map, the mission's world. The
+newest replaces the one before. The answers of the leader are printed. A fleet that is held stays
+held: `formation order MISSION run`.
 
 Exit code 130: interrupted; 2: nothing was started.
 """
@@ -77,13 +80,23 @@ def answer(bus: Bus, mission: Mission, sample: Sample, paths: str | None, speed:
 def waypoints(sample: Sample, paths: str | None) -> list[complex]:
     """Return the points of a goal or, on the topic `paths`, of a path [m]. Raises BadMessage."""
     if paths is None or sample.key != paths.strip("/"):
-        return [decode(Pose, sample.payload).position]
-    points = list(decode(Path, sample.payload).positions)
+        goal = decode(Pose, sample.payload)
+        _check_frame(goal.frame)
+        return [goal.position]
+    path = decode(Path, sample.payload)
+    _check_frame(path.frame)
+    points = list(path.positions)
     if not points:
         raise BadMessage("the path has no points")
     while len(points) > MAX_WAYPOINTS:
         points = [*points[:-1:2], points[-1]]
     return points
+
+
+def _check_frame(frame: str) -> None:
+    """Raise BadMessage for points in another frame than the world's, such as RViz's fixed frame odom."""
+    if frame.removeprefix("/") not in {"", WORLD_FRAME}:
+        raise BadMessage(f"counts in frame {frame}, must be {WORLD_FRAME}")
 
 
 def route(mission: Mission, points: Sequence[complex], speed: float) -> OperatorRequest:

@@ -23,6 +23,13 @@ def test_goal_becomes_route_of_one_point() -> None:
     assert (request.do, request.legs) == ("route", (Waypoints(waypoints=((2.0, 1.0),), speed=0.1),))
 
 
+def test_goal_or_path_in_another_frame_is_refused() -> None:
+    goal, path = Pose(1.0, 2.0 + 1.0j, 1j, frame="odom"), Path(1.0, (1.0 + 0j,), frame="base_link")
+    for key, message in (("goal_pose", goal), ("plan", path)):
+        with pytest.raises(BadMessage, match="must be map"):
+            waypoints(Sample(key, encode(message), None, 0.0), "/plan")
+
+
 def test_long_path_becomes_route_with_limited_waypoints() -> None:
     points = tuple(cmath.rect(2.0, 0.01 * number) for number in range(700))
     found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
