@@ -6,7 +6,7 @@ between command and sensor, and no possible delay may explain the difference:
 
     FROZEN    commanded more than `Tolerance.net_min`, seen less than MIN_MOTION_SHARE of it; or commanded
               more than `still_min`, and every position so far within `still`
-    TURN      the same for the heading, where the sensor measures one
+    TURN      the same for the heading, where the sensor measures one; also if it turns the other way
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
     TURNED    the same for the heading
@@ -111,9 +111,10 @@ class LegState:
 class Leg:
     """Commanded and seen motion since the sensor last showed motion."""
 
-    def __init__(self, tolerance: Tolerance) -> None:
+    def __init__(self, tolerance: Tolerance, *, signed: bool = False) -> None:
+        """`signed`: motion has a sign, which must be that of the commands."""
         self.state = LegState()
-        self._tolerance = tolerance
+        self._tolerance, self._signed = tolerance, signed
 
     def begin(self, moment: float, models: Sequence[complex], path_before: float) -> None:
         """Start afresh."""
@@ -162,13 +163,23 @@ class Leg:
         most = path - state.path_before
         if seen > MAX_MOTION_RATIO * most + limits.carried:
             return Disagreement(kinds[1], most, seen, over)
+        if least > limits.net_min and self._against(models) and least > limits.net_min + slack():
+            return Disagreement(kinds[0], least, -seen, over)
         return None
+
+    def _against(self, models: Sequence[complex]) -> bool:
+        """Whether the seen motion has another sign than the commanded net motion, whatever the delay."""
+        seen, origins = self.state.seen.real, self.state.origins
+        return self._signed and all(
+            seen * (now - was).real < 0.0 for now, was in zip(models, origins, strict=True)
+        )
 
     def shows_motion(self, models: Sequence[complex], path: float) -> bool:
         """Whether enough motion is seen to end the leg: some, and no more than was commanded."""
         seen = abs(self.state.seen)
         enough = seen > self._tolerance.moved and seen > MIN_MOTION_SHARE * self.least(models)
-        return enough and seen <= MAX_MOTION_RATIO * (path - self.state.path_before) + self._tolerance.moved
+        most = MAX_MOTION_RATIO * (path - self.state.path_before) + self._tolerance.moved
+        return enough and seen <= most and not self._against(models)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -221,7 +232,7 @@ class MotionCheck:
         self.model = MotionModel(MAX_COMMAND_LOOP_DELAY + self.excused, spec.longest_command)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
-        self._position, self._heading = Leg(POSITION), Leg(HEADING)
+        self._position, self._heading = Leg(POSITION), Leg(HEADING, signed=True)
         self._delay = OwnDelay(mission.collisions.noise, spec.rate)
         self.state = MotionCheckState(
             model=self.model.state,

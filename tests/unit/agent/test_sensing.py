@@ -16,8 +16,8 @@ from formation.control.plane import rotation
 from formation.mission.file import load
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry
-from formation.topics import ODOM, RELATIVE
+from formation.ros2.messages import Odometry, Twist
+from formation.topics import CMD_VEL, ODOM, RELATIVE
 from formation.wire import Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet
@@ -112,6 +112,30 @@ def test_frozen_heading_of_spinning_robot_is_detected() -> None:
     fleet.ask(mission.leader, "run")
     fleet.run(1.5)
     assert agent.decision.reason.code is Code.MOTION_TURN
+
+
+WRONG_TURNS = {
+    "wheels swapped": altered(CMD_VEL.key("robot2"), Twist, lambda c: replace(c, turn_rate=-c.turn_rate)),
+    "gyroscope upside down": altered(
+        ODOM.key("robot2"),
+        Odometry,
+        lambda seen: replace(seen, heading=seen.heading.conjugate(), turn_rate=-seen.turn_rate),
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG_TURNS)
+def test_robot_that_turns_the_other_way_holds(fault: str) -> None:
+    fleet = Fleet(mission_of("six_robots", "odometry"))
+    fleet.meddle = WRONG_TURNS[fault]
+    fleet.run(3.0)
+    agent = fleet.agents["robot2"]
+    assert agent.decision.reason.code is Code.MOTION_TURN
+    assert agent.decision.reason.values["seen"] < 0.0
+    began = fleet.plant("robot2").position
+    fleet.run(20.0)
+    assert agent.decision.reason.code is Code.MOTION_TURN
+    assert abs(fleet.plant("robot2").position - began) < 0.01
 
 
 @pytest.mark.slow
