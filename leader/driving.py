@@ -82,26 +82,33 @@ class Driver:
 
         A request that is repeated returns the same token: it counts again, and expires with it.
         """
-        issued = (returned - self._first) * TOKEN_SECONDS
-        age = moment - issued
         if returned == 0:
             self._began = name
             return Result(ok=False, reason="the first request fetches a token", code="first")
+        issued = (returned - self._first) * TOKEN_SECONDS
+        if why := self._refusal(name, wanted, returned, moment, issued):
+            return Result(ok=False, reason=why)
+        waits = self._ended and not self._takes(name, wanted)
+        self.name, self.wanted, self.newest = name, STANDS if waits else wanted, returned
+        if waits:
+            return Result(ok=False, reason="a route or a speed was ordered: let go, then drive again")
+        self.until, self._ended = issued + DRIVE_TIMEOUT_SECONDS, False
+        return Result(ok=True)
+
+    def _refusal(self, name: str, wanted: Velocity, returned: int, moment: float, issued: float) -> str:
+        """Return why a velocity does not count that returns the token `issued` then [s]; empty if it does."""
+        age = moment - issued
+        if not name:  # two without one would count as one driver
+            return "a driver must have an id"
         if not 0.0 <= age <= DRIVE_TIMEOUT_SECONDS:
-            late = f"too late: it answers a reply from {age:.2f} s ago; limit {DRIVE_TIMEOUT_SECONDS:g} s"
-            return Result(ok=False, reason=late)
+            return f"too late: it answers a reply from {age:.2f} s ago; limit {DRIVE_TIMEOUT_SECONDS:g} s"
         if moment < self.until and name != self.name:
-            return Result(ok=False, reason=f"{self.name} drives")
+            return f"{self.name} drives"
         # of two that return one token the release counts, as it may be the newer one
         released = returned == self.newest and self.wanted == STANDS and wanted != STANDS
         if name == self.name and (returned < self.newest or released):
-            return Result(ok=False, reason="overtaken by a newer one")
-        if self._ended and not self._takes(name, wanted):
-            self.name, self.wanted, self.newest = name, STANDS, returned
-            return Result(ok=False, reason="a route or a speed was ordered: let go, then drive again")
-        self.name, self.wanted, self.newest, self._ended = name, wanted, returned, False
-        self.until = issued + DRIVE_TIMEOUT_SECONDS
-        return Result(ok=True)
+            return "overtaken by a newer one"
+        return ""
 
     def advance(self, within: Limits, dt: float, moment: float) -> Velocity:
         """Return the velocity for the next step, `dt` [s] after the one before; zero once it has expired."""

@@ -125,6 +125,14 @@ def test_second_driver_is_refused_while_the_first_drives() -> None:
     assert other.send(end + 0.56, 0.2).ok
 
 
+def test_driver_without_an_id_is_refused() -> None:
+    leader = leading(CONVOY)
+    driver = Driver(leader, "")
+    driver.send(0.1, 0.1)
+    assert "id" in driver.send(0.15, 0.1).reason
+    assert leader.plan.route.id != "driven"
+
+
 def test_velocity_is_refused_during_hold_and_stop() -> None:
     leader, driver, end = driven()
     for do in ("hold", "stop"):
