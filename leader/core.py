@@ -7,7 +7,8 @@ be. A new leader goes on from the newest order that the robots relay, under a pu
 
 Robots relay the last order of a dead leader for ever. So a leader started to hold goes on in its mode only if
 the fleet is *under way*: the beat of that order rose within `formation.protocol.election.expiry`, by this
-process's own clock and by every robot that relays it (`PositionAttachment.stale`).
+process's own clock and by every robot that relays it (`PositionAttachment.stale`). It holds as well after it
+has itself been suspended for so long.
 """
 
 from __future__ import annotations
@@ -376,6 +377,9 @@ class Leader:
         if not self._leads:
             return False
         self.plan.check_driver(now.mono)
+        if self._stepped is not None and now.mono - self._stepped > expiry(self.mission):
+            self.plan.team_mode.slept()
+            self.notes.append(f"has slept for {now.mono - self._stepped:.0f} s: {self.mode}")
         before, self._in_force = self._in_force, self.plan.in_force
         changed = before not in {(), self._in_force}
         if self._stepped is not None:

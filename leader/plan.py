@@ -83,6 +83,11 @@ class TeamMode:
         if order.holding:
             self.rest.hold = self.rest.hold or f"term-{order.term}"
 
+    def slept(self) -> None:
+        """Wait for ``run``, if started to hold: the fleet has been without a leader for long."""
+        if self._hold:
+            self.base_mode, self._run_requested = "hold", False
+
     def inherit_stop(self, order: Order) -> None:
         """Stop if another leader was stopped. An order has no ids, so the stop gets a new one."""
         if order.mode == "stop":

@@ -302,3 +302,15 @@ def test_team_waits_for_run_only_after_a_long_outage(seconds: float, mode: str) 
     assert fleet.ask("leader", "run").ok
     fleet.run(1.0)
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+
+
+@pytest.mark.parametrize(("seconds", "mode"), [(2.0, "run"), (TERM_EXPIRY_TIME + 1.0, "hold")])
+def test_leader_waits_for_run_after_it_slept_for_long(seconds: float, mode: str) -> None:
+    """Such as one on a laptop with a closed lid; its robots hold meanwhile."""
+    leader = leading(PAIR, hold=True)
+    ask(leader, "run", 0.1)
+    sent = drive(leader, 0.1, 2.0)
+    assert sent[-1].order.mode == "run"
+    woken = sent[-1].mono + seconds
+    assert {one.order.mode for one in positions(woken, leader.step(at(woken), []))} == {mode}
+    assert ask(leader, "run", woken + 0.1).mode == "run"
