@@ -11,7 +11,7 @@ from formation.protocol import status_codec
 from formation.protocol.outcome import called
 from formation.protocol.status import AgentStatus, AnsweredRequest, LeaderStatus
 from formation.ros2.messages import Diagnostics, decode
-from formation.wire import Now, Sample
+from formation.wire import BadMessage, Now, Sample
 
 MAX_REMEMBERED_REQUESTS = 256
 """Number of requests recognised when repeated."""
@@ -54,12 +54,16 @@ class Statuses:
         """`requests` takes the operator requests in the statuses, as those of `name`."""
         self._kind, self._feed, self._name, self._requests = kind, feed, name, requests
         self._newest: AgentStatus | LeaderStatus | None = None
+        self._payload = b""
 
     def process_status(self, sample: Sample, wall: float) -> None:
-        """Take in one more status. Raises BadMessage."""
+        """Take in one more status. Raises BadMessage, also if it is repeated: it shows no process alive."""
+        if sample.payload == self._payload:
+            raise BadMessage("status is the one before")
         message = decode(Diagnostics, sample.payload)
         self._feed.stamped(message.stamp, wall)
         status = status_codec.from_message(self._kind, message)
+        self._payload = sample.payload
         if status is not None:
             self._newest = status
             if isinstance(status, LeaderStatus):

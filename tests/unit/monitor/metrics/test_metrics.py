@@ -200,6 +200,13 @@ def test_command_must_have_the_robots_message_type() -> None:
     assert sum(metrics.rejections.by_key.values()) == 1
 
 
+def test_repeated_status_shows_no_process_alive() -> None:
+    fleet, one = Fleet(), status("robot2", 11.0, "run")
+    metrics = received(fleet, *(one._replace(arrived=11.0 + 0.5 * number) for number in range(10)))
+    assert metrics.snapshot(now(11.1)).robots["robot2"].state == "run"
+    assert metrics.snapshot(now(15.6)).robots["robot2"].state == "silent"
+
+
 @pytest.mark.parametrize(
     ("at", "expected"),
     [(11.0, ("hold", "odometry silent for 0.20 s")), (12.0, ("silent", "no status for 2.0 s"))],
