@@ -69,7 +69,8 @@ class Driver:
 
     def end(self) -> None:
         """Leave the leader to an ordered route, until a driver begins, or lets go and drives again."""
-        self._ended, self._began, self._let_go = True, "", ""
+        self._ended, self._began = True, ""
+        self._let_go = self.name if self.wanted == STANDS else ""
 
     def _takes(self, name: str, wanted: Velocity) -> bool:
         """Whether a velocity ends the route that was ordered; zero is no wish to drive, but lets go."""

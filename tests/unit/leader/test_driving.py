@@ -166,6 +166,14 @@ def test_driver_must_let_go_and_drive_again_after_ordered_route(held: float) -> 
     assert (leader.mode, leader.plan.route.id) == ("run", "driven")
 
 
+def test_driver_that_had_let_go_drives_on_after_ordered_route() -> None:
+    leader, driver, end = driven()
+    driver.send(end + 0.01, 0.0)
+    leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
+    driver.hold_stick(end + 5.0, 0.2, 0.1)
+    assert (leader.mode, leader.plan.route.id) == ("run", "driven")
+
+
 def test_new_driver_takes_leader_from_ordered_route() -> None:
     leader, _, end = driven()
     leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
