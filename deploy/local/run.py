@@ -24,7 +24,7 @@ from formation.deploy.refusal import Refusal, refused
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
 from formation.mission.model import Mission
-from formation.monitor.web.address import add_page_flags
+from formation.monitor.web.address import add_page_flags, listening
 
 START_TIMEOUT_SECONDS = 30.0
 """Time for the processes to get ready [s]."""
@@ -53,6 +53,7 @@ def main(arguments: Sequence[str]) -> int:
     for package in ("rich", "mcap", "starlette", *physics):
         if find_spec(package) is None:
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)
+    page_flags = _page_flags(options)
     record = _recording(mission, options.record)
     duration: float = options.duration or mission.duration
     say = sys.stderr if options.json else sys.stdout
@@ -70,7 +71,7 @@ def main(arguments: Sequence[str]) -> int:
             record=record,
             law=options.law,
             watchdogs=options.watchdogs,
-            page=_page_flags(options),
+            page=page_flags,
             world=world_flags(options),
         )
         print(_how_to_order(options.mission, ports), file=say, flush=True)
@@ -168,9 +169,12 @@ def _options() -> argparse.ArgumentParser:
 
 
 def _page_flags(options: argparse.Namespace) -> list[str]:
-    """Return the monitor's flags for the page. Raises Refusal."""
+    """Return the monitor's flags for the page. Raises Refusal, also if it cannot be served there."""
     if options.no_page and options.control:
         raise Refusal("--control: gives orders by the page, which --no-page leaves out")
+    if options.page:
+        with refused(f"--page {options.page}"):
+            listening(options.page).close()
     place = ["--page", str(options.page)] if options.page else []
     return [*place, *["--no-page"] * options.no_page, *["--control"] * options.control]
 

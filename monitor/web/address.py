@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import ipaddress
 import socket
 from typing import NamedTuple
@@ -13,6 +14,7 @@ SEND_BUFFER_BYTES = 64 * 1024
 """Send buffer for one client [bytes]; a slow one has old frames in it."""
 BACKLOG_CONNECTIONS = 64
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - only on request
+NOT_HERE = "this machine does not have it; 0.0.0.0 stands for all addresses that it has"
 ELSEWHERE = ("192.0.2.1", 9)
 """An address reserved for examples."""
 PAGE_HELP = """\
@@ -80,8 +82,10 @@ def listening(bind: Bind) -> socket.socket:
         one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # nor may ours block the next run
         one.listen(BACKLOG_CONNECTIONS)
         one.setblocking(False)
-    except OSError:
+    except OSError as error:
         one.close()
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise OSError(error.errno, f"{error.strerror}: {NOT_HERE}") from None
         raise
     return one
 
