@@ -68,7 +68,10 @@ def add_flags(options: argparse.ArgumentParser) -> None:
         "--host", metavar="ROBOT=ADDRESS", action="append", default=[],
         help="where to log in, instead of the address of its endpoint in the mission; repeatable",
     )  # fmt: skip
-    options.add_argument("--only", metavar="ROBOT", nargs="+", default=[], help="these robots, not all")
+    options.add_argument(
+        "--only", metavar="ROBOT", nargs="+", action="extend", default=[],
+        help="these robots, not all; repeatable",
+    )  # fmt: skip
     options.add_argument(
         "--prefix", metavar="PATH", default=PREFIX,
         help=f"where it is installed; {{robot}} stands for the robot's name (default {PREFIX})",
@@ -86,7 +89,10 @@ def add_flags(options: argparse.ArgumentParser) -> None:
 def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
     """Return the fleet that the flags request. Raises Refusal."""
     bundles = find(options.folder)
-    addresses = dict(_address(text, bundles) for text in options.host)
+    addresses: dict[str, str] = {}
+    for robot, address in (_address(text, bundles) for text in options.host):
+        if addresses.setdefault(robot, address) != address:
+            raise Refusal(f"--host: {robot} has two addresses, {addresses[robot]} and {address}")
     unknown = [name for name in options.only if name not in bundles]
     if unknown:
         raise Refusal(f"--only {unknown[0]!r}: must be one of {', '.join(bundles)}")

@@ -81,8 +81,8 @@ class Field:
         return link.readlink().name if link.is_symlink() else None
 
     def words(self, *more: str) -> list[str]:
-        where = ["--prefix", str(self._places / "{robot}"), "--no-systemd"]
-        return [str(self.bundles), *where, *self.server.options, *more]
+        where = [] if "--prefix" in more else ["--prefix", str(self._places / "{robot}")]
+        return [str(self.bundles), *where, "--no-systemd", *self.server.options, *more]
 
     def deploy(self, command: str, *more: str) -> int:
         return main(["deploy", command, *self.words(*more)])

@@ -229,7 +229,13 @@ def test_push_survives_login_output_and_reports_missing_python(
     [
         (["--host", "robot9=1.2.3.4"], "--host 'robot9=1.2.3.4': must be ROBOT=ADDRESS with one of robot1"),
         (["--host", "robot1=-oProxyCommand=x"], "is no address"),
+        (
+            ["--host", "robot1=10.0.0.1", "--host", "robot1=10.0.0.2"],
+            "--host: robot1 has two addresses, 10.0.0.1 and 10.0.0.2",
+        ),
         (["--only", "robot9"], "--only 'robot9': must be one of robot1, robot2, robot3"),
+        (["--only", "robot1", "--only", "robot9"], "--only 'robot9': must be one of robot1, robot2, robot3"),
+        (["--user", "ubuntu", "--user", "pi"], "--user: is given twice, and takes one value"),
         (["--prefix", "/opt/$(x)"], "--prefix '/opt/$(x)': must be an absolute path"),
         (["--prefix", "/opt/same"], "another robot is to be installed at 127.0.0.1:/opt/same"),
     ],
@@ -239,6 +245,11 @@ def test_illegal_flags_are_refused_before_anything_is_sent(
 ) -> None:
     assert field.deploy("push", *words) == 2
     assert why in capsys.readouterr().err
+
+
+def test_only_may_be_given_for_each_robot(field: Field) -> None:
+    words = field.words("--only", "robot1", "--only", "robot3")
+    assert list(fleets.read(flags().parse_args(words), sudo=False).robots) == ["robot1", "robot3"]
 
 
 def test_sudo_is_used_only_with_sudo_option(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn
+from collections.abc import Sequence
+from typing import Any, NoReturn
 
 EXTRAS = {
     **dict.fromkeys(
@@ -20,8 +21,38 @@ EXTRAS = {
 """The extra in pyproject.toml that installs a package which robots do not need."""
 
 
+class Once(argparse.Action):
+    """Stores the value of a flag, which is given at most once: of two values one would have no effect."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        """Refuse a second value."""
+        if option_string is not None and isinstance(parser, Parser):
+            if self in parser.given:
+                raise argparse.ArgumentError(self, "is given twice, and takes one value")
+            parser.given.add(self)
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
     """Reports invalid arguments in the common style: in one line, with exit code 2."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.given: set[argparse.Action] = set()
+        """Flags with one value that have been read."""
+        for name in (None, "store"):
+            self.register("action", name, Once)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Begin with no flag given."""
+        self.given.clear()
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """End with `message`."""

@@ -15,7 +15,7 @@ from formation.deploy import cli
 from formation.deploy.arguments import as_json, number, read_mission
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
-from formation.transport.runtime.command_line import EXTRAS
+from formation.transport.runtime.command_line import EXTRAS, Parser
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
 
@@ -67,6 +67,30 @@ def test_unknown_command_or_flag_exits_with_2(arguments: list[str], capsys: Caps
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("formation: ")
     assert err.endswith("--help\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "flag"),
+    [
+        (["agent", "six_robots", "--robot", "robot2", "--robot", "robot3"], "--robot"),
+        (["leader", "patrol", "--standby", "deputy", "--standby", "reserve"], "--standby"),
+        (["order", "six_robots", "-c", "a.json5", "hold", "--config=b.json5"], "-c/--config"),
+        (["run", "--record", "a.mcap", "--record", "a.mcap"], "--record"),
+        (["replay", "a.mcap", "--verify", "--mission", "patrol", "--mission", "posts"], "--mission"),
+    ],
+)
+def test_flag_with_one_value_is_refused_if_given_twice(
+    arguments: list[str], flag: str, capsys: Capsys
+) -> None:
+    err = refused(capsys, arguments)
+    assert err.startswith(f"formation: {flag}: is given twice, and takes one value; see formation ")
+
+
+def test_parser_can_be_used_twice() -> None:
+    parser = Parser()
+    parser.add_argument("--robot")
+    for robot in ("robot2", "robot3"):
+        assert parser.parse_args(["--robot", robot]).robot == robot
 
 
 def test_version_flag_prints_version(capsys: Capsys) -> None:
