@@ -43,6 +43,9 @@ _PIECES = re.compile(
 )
 MAX_ROBOTS = 500
 """Robots of a mission file, the leader among them: analysis and rules compare each with each."""
+MAX_OTHERS = 3
+"""Mistakes of a mission that are named after the first."""
+LEGAL = "; legal here: "
 MISSION_HELP = "a TOML file, a folder of bundles, or the name of a shipped mission"
 """What a command line takes as MISSION."""
 MISSION_NAME, DESK = "mission.toml", "desk"
@@ -193,11 +196,18 @@ def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
     except ValidationError as error:
         details = error.errors(include_url=False)
     # an unknown key explains the missing one beside it, so it comes first
-    first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
+    details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
-    distinct = {(detail["loc"][-1:], _value(detail["input"])) for detail in details}
-    others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
-    raise MissionError(f"{name}: {_explain(first, cls)}{others}")
+    distinct: dict[tuple[Any, str], ErrorDetails] = {}
+    for detail in details:
+        distinct.setdefault((detail["loc"][-1:], _value(detail["input"])), detail)
+    first, *others = distinct.values()
+    text = _explain(first, cls)
+    if others:
+        text += f"; also: {'; '.join(_explain(one, cls).partition(LEGAL)[0] for one in others[:MAX_OTHERS])}"
+    if len(others) > MAX_OTHERS:
+        text += f"; and {len(others) - MAX_OTHERS} more"
+    raise MissionError(f"{name}: {text}")
 
 
 def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
@@ -209,11 +219,11 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
         case "mission":
             return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
         case "extra_forbidden":
-            legal = f"unknown key {key}; legal here: {_keys_beside(detail['loc'], whole)}"
+            legal = f"unknown key {key}{LEGAL}{_keys_beside(detail['loc'], whole)}"
         case "missing" if isinstance(place[-1], int):
             legal = f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
         case "missing":
-            legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'], whole)}"
+            legal = f"{key} is missing{LEGAL}{_keys_beside(detail['loc'], whole)}"
         case "string_pattern_mismatch":
             legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
         case "tuple_type" if place == ["route"]:

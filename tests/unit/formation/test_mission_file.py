@@ -120,7 +120,21 @@ def test_error_names_robots_without_path_to_the_leader() -> None:
 
 
 def test_mistake_in_robot_defaults_is_reported_once() -> None:
-    assert "more" not in error_of("rate = 20", "rate = 0")
+    assert error_of("rate = 20", "rate = 0") == (
+        "six.toml: robot.rate = 0: should be greater than or equal to 1"
+    )
+
+
+def test_several_mistakes_are_named_in_one_line() -> None:
+    assert error_of("rate = 20", 'rate = 0\nradius = "wide"') == (
+        "six.toml: robot.radius = 'wide': should be a valid number; also: robot.rate = 0: should be greater"
+        " than or equal to 1"
+    )
+    keys = ["first", "second", "third", "fourth", "fifth", "sixth"]
+    legal, _, others = error_of("rate = 20", "\n".join(f"{key} = 1" for key in keys)).partition("; also: ")
+    assert legal.startswith("six.toml: unknown key robot.first; legal here: control_point_offset, ")
+    named = [f"unknown key robot.{key}" for key in keys[1:4]]
+    assert others == "; ".join([*named, "and 2 more"])
 
 
 def test_endpoint_shared_by_two_processes_is_refused() -> None:
