@@ -28,9 +28,9 @@ PROGRESS_PERIOD = 2.0
 def main(argv: Sequence[str] | None = None) -> int:
     """Recover one file; return the exit code."""
     args = _flags().parse_args(argv)
-    out = args.out or args.file.with_name(f"{args.file.stem}-recovered{args.file.suffix}")
+    out = args.out or args.file.parent / f"{args.file.stem}-recovered{args.file.suffix}"
     try:
-        found = recover(args.file, out, _Progress(args.file))
+        found = recover(args.file, out, _Progress("checking", args.file), _Progress("copying", args.file))
     except UnreadableError as error:
         raise Refusal(str(error)) from None
     except FileExistsError:
@@ -45,14 +45,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 class _Progress:
     """Prints progress on stderr if it takes long."""
 
-    def __init__(self, file: Path) -> None:
-        self._file, self._due = file, time.monotonic() + PROGRESS_PERIOD
+    def __init__(self, what: str, file: Path) -> None:
+        self._what, self._due = f"{what} {file}", time.monotonic() + PROGRESS_PERIOD
 
     def __call__(self, share: float) -> None:
         now = time.monotonic()
         if now >= self._due:
             self._due = now + PROGRESS_PERIOD
-            print(f"formation: reading {self._file}: {share:.0%}", file=sys.stderr, flush=True)
+            print(f"formation: {self._what}: {share:.0%}", file=sys.stderr, flush=True)
 
 
 def _report(file: Path, out: Path, found: Found) -> dict[str, Any]:

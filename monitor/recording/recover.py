@@ -33,20 +33,21 @@ class Found(NamedTuple):
         return not self.condition.words
 
 
-def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
+def recover(path: Path, out: Path, checked: Tell = lambda _: None, copied: Tell = lambda _: None) -> Found:
     """Write what is readable in `path` to `out`, which must not exist; nothing if it is whole already.
 
+    `checked` and `copied` are called with the share of `path` that is.
     Raises UnreadableError if it is no recording, OSError if it cannot be read or written; then there is no
     `out`.
     """
     about = about_of(path)
-    condition = condition_of(path, tell)
+    condition = condition_of(path, checked)
     if not condition.words:
         return Found(condition, extent_of(path), 0)
     channels = Channels()
     part = Part(out, {**about, "recovered_from": path.name}, channels)
     try:
-        end = _copy(path, part, channels, tell)
+        end = _copy(path, part, channels, copied)
         part.finish()
     except BaseException:
         part.discard()
