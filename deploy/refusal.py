@@ -15,9 +15,17 @@ def refused(what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        blocked = isinstance(error, FileExistsError) and Path(error.filename).is_file()
-        why = f"{error.filename} is a file, and no folder" if blocked else error.strerror
-        raise Refusal(f"{what}: {why}") from None
+        raise Refusal(f"{what}: {_why(error)}") from None
+
+
+def _why(error: OSError) -> str | None:
+    """Return why a file cannot be had; where a folder should be and a file is, its name."""
+    if isinstance(error, (FileExistsError, NotADirectoryError)) and error.filename is not None:
+        path = Path(error.filename)
+        for one in (path, *path.parents):
+            if one.is_file():
+                return f"{one} is a file, and no folder"
+    return error.strerror
 
 
 @contextmanager

@@ -34,6 +34,7 @@ from formation.monitor.report.drawing import draw
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
+from formation.transport.runtime.command_line import make_folder
 
 MAX_RUNS = 100_000
 MAX_SPREAD, MAX_NOISE = 1e4, 10.0
@@ -259,10 +260,9 @@ def _check_plot(path: Path) -> None:
     if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
         raise Refusal(f"--plot {path}: must end in .png, .svg or .pdf")
     with refused(f"--plot {path}"):
-        if not path.parent.is_dir():
-            raise Refusal(f"--plot {path}: there is no folder {path.parent}")
         if path.is_dir():
             raise Refusal(f"--plot {path}: is a folder; name a file")
+        make_folder(path.parent)
 
 
 def _options() -> argparse.ArgumentParser:

@@ -37,7 +37,7 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus, RobotBuses
-from formation.transport.runtime.command_line import needs
+from formation.transport.runtime.command_line import make_folder, needs
 from formation.transport.runtime.flags import bus_config, parser
 from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say
 
@@ -134,6 +134,7 @@ def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Seque
 
 def _write_layout(path: Path, mission: Mission) -> None:
     try:
+        make_folder(path.parent)
         with path.open("x", encoding="utf-8") as file:
             file.write(layout.text(mission))
     except FileExistsError:

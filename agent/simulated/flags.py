@@ -9,6 +9,7 @@ from pathlib import Path
 
 from formation.agent.simulated import faults
 from formation.mission.model import Mission
+from formation.transport.runtime.command_line import make_folder
 
 NEEDED = ("mujoco", "PIL")
 """Packages of the physics world."""
@@ -72,15 +73,14 @@ def _unfit_faults(args: argparse.Namespace, mission: Mission) -> str | None:
 
 
 def _no_place(picture: Path) -> str | None:
-    """Why a picture cannot be written there, None if it can. Raises OSError if it cannot be checked."""
+    """Make the folder of a picture; why none can be written there, None if one can. Raises OSError."""
     if picture.suffix.lower() != ".png":
         return "must end in .png"
-    if not picture.absolute().parent.is_dir():
-        return f"there is no folder {picture.parent}"
     if picture.is_dir():
         return "is a folder; name a file"
     if not picture.exists():
-        return None if os.access(picture.absolute().parent, os.W_OK) else "the folder cannot be written to"
+        make_folder(picture.parent)
+        return None
     # a new picture may replace an old one, and no other file
     if not picture.is_file() or _begin(picture) not in {PNG, b""}:
         return "is there already, and is no picture; name another file"

@@ -25,6 +25,7 @@ from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
 from formation.mission.model import Mission
 from formation.monitor.web.address import add_page_flags, listening
+from formation.transport.runtime.command_line import make_folder
 
 START_TIMEOUT_SECONDS = 30.0
 """Time for the processes to get ready [s]."""
@@ -182,15 +183,10 @@ def _page_flags(options: argparse.Namespace) -> list[str]:
 def _recording(mission: Mission, requested: Path | None) -> Path:
     """Return the recording's path: a new file in a writable folder. Raises Refusal."""
     path = requested or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise Refusal(f"--record {path}: {error.strerror}: {error.filename}") from None
     with refused(f"--record {path}"):
         if path.exists():
             raise Refusal(f"--record {path}: exists already; name a new file")
-    if not os.access(path.parent, os.W_OK):
-        raise Refusal(f"--record {path}: the folder cannot be written to")
+        make_folder(path.parent)
     return path
 
 

@@ -20,6 +20,7 @@ from formation.monitor.report.parts import View
 from formation.monitor.report.summary import as_json as numbers
 from formation.monitor.report.summary import differences, notices, verdict
 from formation.stability.analysis import analyse
+from formation.transport.runtime.command_line import make_folder
 
 READING_SHARE = 0.6
 """Share of reading in the work; the rest is drawing."""
@@ -43,6 +44,9 @@ def main(arguments: Sequence[str]) -> int:
     options.format = options.format or ["png", "svg"]
     recordings = [_open(path) for path in (options.file, options.second) if path is not None]
     out = _out(options.out, recordings)
+    if options.figures is not None:
+        with refused(f"--figures {options.figures}"):
+            make_folder(options.figures)
     with Bar("report") as bar:
         runs = [
             _gather(
@@ -57,7 +61,6 @@ def main(arguments: Sequence[str]) -> int:
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
         text = page(reported, options.until, made)
         with refused(f"--out {out}: cannot be written"):
-            out.parent.mkdir(parents=True, exist_ok=True)
             out.write_text(text, encoding="utf-8")
         bar.at(0.5 * (1.0 + READING_SHARE))
         drawn = _figures(options, runs) if options.figures is not None else []
@@ -84,7 +87,7 @@ def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
 
 
 def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
-    """Return the page's path. Raises Refusal if that would destroy another file."""
+    """Return the page's path, in a folder that is made. Raises Refusal if it would destroy another file."""
     first = recordings[0].path
     stem = "-and-".join(recording.path.stem for recording in recordings)
     path: Path = requested or first.with_name(f"{stem}.html")
@@ -98,6 +101,7 @@ def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
             raise Refusal(f"--out {path}: must end in .html")
         if path.exists() and not _is_report(path):
             raise Refusal(f"--out {path}: is there already, and is no report; name another file")
+        make_folder(path.parent)
     return path
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 EXTRAS = {
@@ -57,6 +60,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End with `message`."""
         self.exit(2, f"formation: {message.removeprefix('argument ')}; see {self.prog} --help\n")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder to write to, as every command does before its work, so that it fails early.
+
+    Raises OSError, also if it cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise OSError(errno.EACCES, "the folder cannot be written to", str(folder))
 
 
 def installing(package: str) -> str:

@@ -19,7 +19,8 @@ MORE = {
 }
 """Commands of two words."""
 INTRODUCTION = """This is what `formation COMMAND --help` says. A MISSION is a TOML file, a folder of
-bundles, or the name of a shipped mission; [mission-keys.md](mission-keys.md) has its keys."""
+bundles, or the name of a shipped mission; [mission-keys.md](mission-keys.md) has its keys. A
+command that writes a file makes missing folders; an option with one value is given at most once."""
 EXIT_CODES = """Exit codes of every command: 0 done as asked; 1 it ran, with another result than asked; 2
 refused, nothing was started; 130 interrupted."""
 

@@ -108,7 +108,7 @@ def test_existing_file_is_overwritten_only_with_force(capsys: Capsys) -> None:
         ("line --robots 5 --robot roomba", "turtlebot3_burger"),
         ("line --robots 5 --out mission.yaml", "must end in .toml"),
         (f"line --robots 5 --out {'long' * 75}.toml", "long.toml: File name too long"),
-        ("line --robots 5 --out nowhere/mission.toml", "there is no folder nowhere"),
+        (f"line --robots 5 --out {__file__}/mission.toml", "test_new.py is a file, and no folder"),
     ],
 )
 def test_impossible_request_is_refused_and_writes_nothing(
@@ -117,6 +117,11 @@ def test_impossible_request_is_refused_and_writes_nothing(
     err = refused(capsys, ["new", *requested.split()])
     assert message in err.splitlines()[-1]
     assert not list(Path().iterdir())
+
+
+def test_missing_folders_of_a_mission_are_made(capsys: Capsys) -> None:
+    output_of(capsys, ["new", "line", "--robots", "5", "--out", "new/folder/mission.toml"])
+    assert load("new/folder/mission.toml").name == "line-5"
 
 
 def test_json_output_describes_written_mission(capsys: Capsys) -> None:

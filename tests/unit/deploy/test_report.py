@@ -88,7 +88,7 @@ def test_cut_recording_is_reported_as_cut(
         (["{run}", "-o", "{text}"], "text.txt: must end in .html"),
         (["{run}", "-o", "{other}"], "home.html: is there already, and is no report; name another file"),
         (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
-        (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "--figures"),
+        (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "text.txt is a file, and no folder"),
         (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
         (["{run}", "--format", "pdf"], "--format: is of figures, which --figures DIR asks for"),
         (["{run}", "--until", "0"], "above 0"),
@@ -109,7 +109,7 @@ def test_illegal_files_and_flags_are_refused_without_changes(
     err = refused(capsys, ["report", *(flag.format(**places) for flag in flags)])
     assert named in err
     assert err.count("\n") == 1 or "usage" in err
-    assert {path: path.read_bytes() for path in before} == before
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.usefixtures("plain_page")

@@ -306,10 +306,14 @@ def test_world_flags_are_passed_on_unchanged(tmp_path: Path) -> None:
     assert world_flags(read(*words)) == words
 
 
-def test_picture_needs_physics_world_and_existing_folder(tmp_path: Path) -> None:
+def test_picture_needs_physics_world_and_gets_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "egl")
     assert unfit(read("--picture", "end.png"), SIX) == "--picture: needs --world mujoco"
-    nowhere = str(tmp_path / "none" / "end.png")
-    assert "there is no folder" in str(unfit(read("--world", "mujoco", "--picture", nowhere), SIX))
+    new = tmp_path / "new" / "folder" / "end.png"
+    assert unfit(read("--world", "mujoco", "--picture", str(new)), SIX) is None
+    assert new.parent.is_dir()
 
 
 @pytest.mark.parametrize(
