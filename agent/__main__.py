@@ -17,7 +17,7 @@ from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.transport import wiring
 from formation.transport.runtime.flags import add_robot_connect, bus_config, parser, robot_bus
-from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
+from formation.transport.runtime.process import BadInput, Process, Stop, follower_of, run_process
 from formation.transport.security.verifying import verifier_of
 
 EXAMPLES = """\
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
-    name = one_of("--robot", args.robot, mission.followers)
+    name = follower_of(mission, args.robot, args.mission)
     links = wiring.of_member(mission, name, wiring.endpoints(mission))
     config = bus_config(args, mission, links, f"agent {name}")
     verifier = verifier_of(config, mission)
@@ -66,7 +66,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
         mission, name, args.law, readonly=args.readonly, publisher_id=secrets.token_hex(8), **carried
     )
     robot = robot_bus(args, mission, name, NODE)
-    with Process(f"agent {name}", args, config, stop, robot) as process, _store(args.state, name) as state:
+    with _store(args.state, name) as state, Process(f"agent {name}", args, config, stop, robot) as process:
         persistence = None if state is None else Persistence(agent, state, boot_id())
         process.play(drive(agent, process, persistence=persistence, verifier=verifier))
 

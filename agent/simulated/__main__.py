@@ -112,10 +112,9 @@ def _listened(given: Sequence[str], robots: Sequence[str], default: Endpoints) -
 
 
 def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text}: must be at least 0")
-    return value
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number of at least 0")
+    return int(text)
 
 
 if __name__ == "__main__":

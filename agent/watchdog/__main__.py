@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections.abc import Sequence
 
@@ -10,7 +11,7 @@ from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import park, watch
 from formation.mission.file import load
 from formation.transport.runtime import flags
-from formation.transport.runtime.process import FAILED, Process, Stop, one_of, run_process
+from formation.transport.runtime.process import FAILED, Process, Stop, follower_of, run_process
 
 EXAMPLES = """\
   formation watchdog pair.toml --robot robot2                on the robot, beside its agent, all the time
@@ -20,6 +21,7 @@ EXAMPLES = """\
 
 NODE = "formation_watchdog"
 """Name of its ROS 2 node."""
+_log = logging.getLogger(__name__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,12 +49,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> bool:
     """Whether all went well."""
     mission = load(args.mission)
-    name = one_of("--robot", args.robot, mission.followers)
+    name = follower_of(mission, args.robot, args.mission)
     watchdog = Watchdog(mission, name)
     robot = flags.robot_bus(args, mission, name, NODE)
     with Process(f"watchdog {name}", args, None, stop, robot) as process:
         if args.once:
-            return park(watchdog, process)
+            listened = park(watchdog, process)
+            if not listened:
+                _log.error("NOT STOPPED: %s did not listen to zero velocity; use its own switch", name)
+            return listened
         process.play(watch(watchdog, process))
     return True
 

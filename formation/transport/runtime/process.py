@@ -14,6 +14,7 @@ import json
 import logging
 import math
 import os
+import shlex
 import signal
 import socket
 import sys
@@ -24,6 +25,7 @@ from types import FrameType
 from typing import Any, Self
 
 from formation.mission.file import MissionError
+from formation.mission.model import Mission
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.linger import Linger
@@ -273,6 +275,19 @@ def one_of(flag: str, value: str, legal: Iterable[str]) -> str:
     if value not in legal:
         raise BadInput(f"{flag} {value!r}: must be one of {', '.join(legal)}")
     return value
+
+
+def follower_of(mission: Mission, robot: str, source: str) -> str:
+    """`robot` of --robot, if it is a follower of the mission read from `source`. Raises BadInput."""
+    if robot in mission.followers:
+        return robot
+    leads = f"formation leader {shlex.quote(source)}"
+    words = f"--robot {robot!r}: must be a follower of {mission.name}: {', '.join(mission.followers)}"
+    if robot == mission.leader:
+        words += f"; {robot} leads: {leads}"
+    elif robot in mission.standbys:
+        words += f"; {robot} is a standby: {leads} --standby {robot}"
+    raise BadInput(words)
 
 
 def say(event: str, **fields: Any) -> None:

@@ -6,11 +6,13 @@ import errno
 import json
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from formation.agent.watchdog import __main__ as watchdog
 from formation.deploy import cli
 from formation.deploy.arguments import as_json, number, read_mission
 from formation.deploy.refusal import Refusal
@@ -84,6 +86,43 @@ def test_flag_with_one_value_is_refused_if_given_twice(
 ) -> None:
     err = refused(capsys, arguments)
     assert err.startswith(f"formation: {flag}: is given twice, and takes one value; see formation ")
+
+
+@pytest.mark.parametrize("command", ["agent", "watchdog"])
+@pytest.mark.parametrize(
+    ("robot", "way_on"),
+    [
+        ("robot9", ""),
+        ("leader", "; leader leads: formation leader patrol"),
+        ("deputy", "; deputy is a standby: formation leader patrol --standby deputy"),
+    ],
+)
+def test_robot_that_is_no_follower_is_refused_with_the_way_on(
+    command: str, robot: str, way_on: str, capsys: Capsys
+) -> None:
+    legal = "must be a follower of patrol: robot1, robot2, robot3, robot4, robot5"
+    err = refused(capsys, [command, "patrol", "--robot", robot])
+    assert err.endswith(f"{robot}: --robot {robot!r}: {legal}{way_on}\n")
+
+
+def test_agent_checks_its_folder_before_it_opens_a_link(tmp_path: Path, capsys: Capsys) -> None:
+    (tmp_path / "file").touch()
+    err = refused(capsys, ["agent", "six_robots", "--robot", "robot2", "--state", str(tmp_path / "file")])
+    assert err == f"robot2: --state {tmp_path}/file: must be a folder that can be written to: File exists\n"
+
+
+def test_watchdog_says_that_no_robot_listened(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(watchdog, "Process", lambda *_: nullcontext())
+    monkeypatch.setattr(watchdog, "park", lambda *_: False)
+    assert cli.main(["watchdog", "six_robots", "--robot", "robot2", "--once"]) == 1
+    assert "NOT STOPPED: robot2 did not listen to zero velocity; use its own switch" in caplog.text
+
+
+def test_seed_of_simulated_robots_is_a_whole_number(capsys: Capsys) -> None:
+    err = refused(capsys, ["robot", "six_robots", "--seed", "x"])
+    assert err.startswith("formation: --seed: 'x': must be a whole number of at least 0; see ")
 
 
 def test_parser_can_be_used_twice() -> None:
