@@ -105,6 +105,7 @@ DEPLOY_EXAMPLES = """\
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
+    _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: no character may cause a traceback
     try:
@@ -129,6 +130,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         _leave(code)
     return code
+
+
+def _open_closed_streams() -> None:
+    """Connect streams that the caller has closed (`>&-`) with the null device.
+
+    Otherwise the next file that is opened, such as a recording, would get the number of the closed stream.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _unwritten(error: OSError) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -217,6 +218,16 @@ def test_output_that_cannot_be_written_ends_the_command(
     stand_in(monkeypatch, OSError(number, "full"))
     assert cli.main(["check"]) == code
     assert capfd.readouterr().err == printed
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_command_works_with_a_closed_stream(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, name, None)
+    try:
+        assert cli.main(["missions"]) == 0
+        assert cli.main(["run", "nosuch"]) == 2
+    finally:
+        getattr(sys, name).close()
 
 
 def test_file_error_of_a_command_is_not_taken_for_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
