@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -48,10 +49,16 @@ def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law:
 def add_dask(to: argparse.ArgumentParser) -> None:
     """Add --dask."""
     to.add_argument(
-        "--dask", metavar="ADDRESS", default="",
+        "--dask", metavar="ADDRESS", type=_scheduler,
         help="compute on the Dask cluster with this scheduler, such as tcp://192.168.1.5:8786; the result is"
         " the same; needs the extra dask, on its workers too",
     )  # fmt: skip
+
+
+def _scheduler(text: str) -> str:
+    if not re.fullmatch(r"([a-z]+://)?[^/]+:\d+", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be HOST:PORT, such as tcp://192.168.1.5:8786")
+    return text
 
 
 def add_json(to: argparse.ArgumentParser) -> None:

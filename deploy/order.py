@@ -99,6 +99,10 @@ def main(arguments: Sequence[str]) -> int:
     # argparse takes -30 for a number, but -3e1 for a flag; what has a space in it is never one
     words = [f" {word}" if NEGATIVE.match(word) else word for word in arguments]
     options = _options().parse_intermixed_args(words)
+    if options.mission in VERBS and not Path(options.mission).exists():
+        name, *values = options.order or ["MISSION"]
+        right = " ".join([name, options.mission, *(value.strip() for value in values)])
+        raise Refusal(f"{options.mission} is an order, and MISSION comes first: formation order {right}")
     mission = read_mission(options.mission)
     return give(options, mission, _request(mission, options.order))
 

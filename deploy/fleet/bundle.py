@@ -254,12 +254,11 @@ def _secrets(source: Path, folder: Path) -> None:
 
 def _earlier_folders(out: Path) -> tuple[str, ...]:
     """Return the folders of an earlier run in `out`. Raises Refusal if it has other content."""
-    try:
-        found = {path.name for path in out.iterdir()}
-    except FileNotFoundError:
-        return ()
-    except OSError as error:
-        raise Refusal(f"--out {out}: {error.strerror}") from None
+    with refused(f"--out {out}"):
+        try:
+            found = {path.name for path in out.iterdir()}
+        except FileNotFoundError:
+            return ()
     known: tuple[str, ...] = ()
     if BUNDLE in found:
         try:

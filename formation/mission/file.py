@@ -105,6 +105,8 @@ def load(mission: str | Path) -> Mission:
 
 def read(mission: str | Path) -> tuple[str, str]:
     """Text of a mission file and the name to call it by. Raises MissionError."""
+    if not str(mission):  # it would be the present folder
+        raise MissionError("'': names no mission; name a TOML file, a shipped mission or a folder of bundles")
     try:
         path = file_of(mission)
         # a pipe is waited for, a device has no end
@@ -120,6 +122,8 @@ def read(mission: str | Path) -> tuple[str, str]:
         raise MissionError(
             f"{mission}: no such file, and no shipped mission of that name ({names})"
         ) from None
+    except MissionError:
+        raise
     except IsADirectoryError:
         raise MissionError(
             f"{mission}: is a folder without bundles; name a TOML file, a shipped mission or a folder that"

@@ -336,7 +336,7 @@ def test_unwritable_output_folder_is_refused(
 ) -> None:
     (tmp_path / "file").touch()
     assert main(command(source, keys, tmp_path / "file")) == 2
-    assert "Not a directory" in capsys.readouterr().err
+    assert "file is a file, and no folder" in capsys.readouterr().err
 
 
 def test_illegal_unit_name_is_refused_before_wheels_are_fetched(

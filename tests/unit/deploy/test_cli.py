@@ -188,6 +188,21 @@ def test_illegal_mission_prints_one_line_and_exits_with_2(
     assert str(bad) in err
 
 
+@pytest.mark.parametrize(
+    ("words", "right"),
+    [
+        (["stop", "six_robots"], "six_robots stop"),
+        (["rotate", "six_robots", "-30"], "six_robots rotate -30"),
+        (["hold"], "MISSION hold"),
+    ],
+)
+def test_order_before_its_mission_is_refused_with_the_right_line(
+    words: list[str], right: str, capsys: Capsys
+) -> None:
+    line = f"formation: {words[0]} is an order, and MISSION comes first: formation order {right}\n"
+    assert refused(capsys, ["order", *words]) == line
+
+
 def test_law_flag_overrides_law_of_mission() -> None:
     assert read_mission("six_robots").law.kind == "field"
     assert read_mission("six_robots", "paper").law.kind == "paper"

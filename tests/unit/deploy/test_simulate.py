@@ -167,6 +167,7 @@ def test_delay_loss_noise_and_quantised_flags_reach_simulation(monkeypatch: pyte
         (["--plot", f"{__file__}/folder/figure.png"], "test_simulate.py is a file, and no folder"),
         (["--plot", f"{'long' * 75}.png"], "long.png: File name too long"),
         (["--law", "best"], "choose from"),
+        (["--dask", "desk"], "--dask: 'desk': must be HOST:PORT, such as tcp://192.168.1.5:8786"),
     ],
 )
 def test_illegal_flags_are_refused_with_reason(flags: list[str], named: str, capsys: Capsys) -> None:

@@ -174,6 +174,11 @@ def test_error_for_unknown_mission_names_shipped_missions() -> None:
         load("nowhere")
 
 
+def test_empty_name_is_not_the_present_folder() -> None:
+    with pytest.raises(MissionError, match=r"^'': names no mission; name a TOML file"):
+        load("")
+
+
 def test_folder_binary_file_and_pipe_are_refused(tmp_path: Path) -> None:
     binary, pipe = tmp_path / "mission.toml", tmp_path / "pipe.toml"
     binary.write_bytes(b"\xff\xfe\x00")
@@ -290,7 +295,7 @@ def test_only_dots_in_keys_count_as_key_parts() -> None:
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
 def test_device_file_is_refused(path: str) -> None:
-    with pytest.raises(MissionError, match=f"{path}: must be a file, is a pipe or a device"):
+    with pytest.raises(MissionError, match=f"^{path}: must be a file, is a pipe or a device$"):
         load(path)
 
 
