@@ -77,7 +77,9 @@ def main(arguments: Sequence[str]) -> int:
     written = None if out is None else _write(options.mission, mission, places, out)
     end = "nothing was written"
     if written is not None:
-        state = "changed" if written else "is so already"
+        state = (
+            "changed" if written else "is so already" if options.out is None else "written, nothing changed"
+        )
         end = f"{out}: {state}\n\nnext:\n  formation check {quote(str(out))}"
     text = "\n".join([*words(mission, places), "", end])
     tell(options, text, lambda: report(mission, places, options.least, out))

@@ -52,6 +52,12 @@ def test_robot_takes_the_slot_near_its_start(shape: str, least: str, capsys: Cap
     assert Path(mission).read_bytes() == text
 
 
+def test_copy_without_changes_is_reported_as_written(capsys: Capsys) -> None:
+    text = output_of(capsys, ["assign", "turtlebot3_pair", "--out", "new/copy.toml"])
+    assert "\nnew/copy.toml: written, nothing changed\n" in text
+    assert load("new/copy.toml") == load("turtlebot3_pair")
+
+
 @pytest.mark.parametrize("robots", [3, 8, *slow(50)])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_assign_leaves_new_mission_unchanged(shape: str, robots: int, capsys: Capsys) -> None:
