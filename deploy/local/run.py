@@ -23,6 +23,7 @@ from formation.deploy.local.ports import Ports
 from formation.deploy.refusal import Refusal, refused
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
+from formation.mission.file import file_of
 from formation.mission.model import Mission
 from formation.monitor.web.address import add_page_flags, listening
 from formation.transport.runtime.command_line import make_folder
@@ -47,6 +48,8 @@ def main(arguments: Sequence[str]) -> int:
     """Run a mission; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
+    # a process of a folder of bundles would take its certificate, which links on this machine do not have
+    source = str(file_of(options.mission)) if Path(options.mission).is_dir() else options.mission
     wrong = unfit(options, mission)
     if wrong is not None:
         raise Refusal(wrong)
@@ -66,7 +69,7 @@ def main(arguments: Sequence[str]) -> int:
         launcher = stack.enter_context(Launcher(logs))
         plan = programs(
             mission,
-            options.mission,
+            source,
             ports.endpoints,
             parent=os.getpid(),
             record=record,
@@ -75,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
             page=page_flags,
             world=world_flags(options),
         )
-        print(_how_to_order(options.mission, ports), file=say, flush=True)
+        print(_how_to_order(source, ports), file=say, flush=True)
         progress = Progress(mission, duration, len(plan))
         page = start(launcher, plan)
         if page is not None:
@@ -184,9 +187,9 @@ def _recording(mission: Mission, requested: Path | None) -> Path:
     """Return the recording's path: a new file in a writable folder. Raises Refusal."""
     path = requested or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
     with refused(f"--record {path}"):
+        make_folder(path.parent)
         if path.exists():
             raise Refusal(f"--record {path}: exists already; name a new file")
-        make_folder(path.parent)
     return path
 
 

@@ -65,6 +65,10 @@ def opened(settings: zenoh.Config, name: str) -> zenoh.Session:
         if "Unable to connect" in str(error):
             dialled = ", ".join(json.loads(settings.get_json("connect/endpoints")))
             raise BusError(f"no router answers at {dialled}: is it running there?") from None
+        if "Missing TLS private key" in str(error):
+            raise BusError(
+                f"cannot listen on {listened} without a certificate: -c FILE names a configuration with one"
+            ) from None
         raise BusError(f"the bus cannot be opened, listening on {listened}: {plain(error)}") from None
 
 
