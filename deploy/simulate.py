@@ -260,9 +260,9 @@ def _check_plot(path: Path) -> None:
     if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
         raise Refusal(f"--plot {path}: must end in .png, .svg or .pdf")
     with refused(f"--plot {path}"):
+        make_folder(path.parent)
         if path.is_dir():
             raise Refusal(f"--plot {path}: is a folder; name a file")
-        make_folder(path.parent)
 
 
 def _options() -> argparse.ArgumentParser:

@@ -76,10 +76,10 @@ def _no_place(picture: Path) -> str | None:
     """Make the folder of a picture; why none can be written there, None if one can. Raises OSError."""
     if picture.suffix.lower() != ".png":
         return "must end in .png"
+    make_folder(picture.parent)
     if picture.is_dir():
         return "is a folder; name a file"
     if not picture.exists():
-        make_folder(picture.parent)
         return None
     # a new picture may replace an old one, and no other file
     if not picture.is_file() or _begin(picture) not in {PNG, b""}:

@@ -77,13 +77,13 @@ def check_out(out: Path, *, force: bool) -> None:
     if out.suffix != ".toml":
         raise Refusal(f"--out {out}: must end in .toml")
     with refused(f"--out {out}"):
+        make_folder(out.parent)
         if is_shipped(out):
             raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
         if out.is_dir():
             raise Refusal(f"--out {out}: is a folder; name a file")
         if out.exists() and not force:
             raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
-        make_folder(out.parent)
 
 
 def is_shipped(mission: Path) -> bool:

@@ -99,9 +99,9 @@ def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
             raise Refusal(f"--out {path}: is the recording itself; name another file")
         if path.suffix.lower() != ".html":
             raise Refusal(f"--out {path}: must end in .html")
+        make_folder(path.parent)
         if path.exists() and not _is_report(path):
             raise Refusal(f"--out {path}: is there already, and is no report; name another file")
-        make_folder(path.parent)
     return path
 
 

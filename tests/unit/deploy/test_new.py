@@ -108,6 +108,7 @@ def test_existing_file_is_overwritten_only_with_force(capsys: Capsys) -> None:
         ("line --robots 5 --robot roomba", "turtlebot3_burger"),
         ("line --robots 5 --out mission.yaml", "must end in .toml"),
         (f"line --robots 5 --out {'long' * 75}.toml", "long.toml: File name too long"),
+        (f"line --robots 5 --out {'long' * 75}/a.toml", "File name too long"),
         (f"line --robots 5 --out {__file__}/mission.toml", "test_new.py is a file, and no folder"),
     ],
 )
