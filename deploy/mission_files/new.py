@@ -66,7 +66,7 @@ PROFILES = {
         speed=0.05,
         lag=0.1,
         tables="""\
-[law]
+[law]                        # for `--law paper`; the default, `field`, takes `gain` instead
 k_p = 2.0                    # [1/s]
 k_i = 0.2                    # [1/s²]
 
@@ -94,7 +94,7 @@ profile = "turtlebot3_burger"
         radius=0.1,
         speed=0.2,
         tables="""\
-[law]                        # gains and limits of section 4 of the paper
+[law]                        # section 4 of the paper, for `--law paper`; `field` takes `gain` instead
 k_p = 2.0                    # [1/s]
 k_i = 1.0                    # [1/s²]
 
