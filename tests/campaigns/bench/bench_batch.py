@@ -79,11 +79,11 @@ def _words(found: dict[str, Any]) -> str:
     return f"""Every side steps its robots by {step:g} ms, the Robotarium's own step, in a process of its own;
 one after the other on one and the same core, {rounds}: {sides}.
 
-- **formation** simulates the closed loop: odometry, heading observer, what neighbours say over each link and
-  how fast they are, the law with its integral and limits, the body, and the formation error of every run at
-  every step. *Law alone* and *with filter* are many runs of the six robots, from random starts, without the
-  collision filter and with it; only their five followers are counted, also at "6". *One formation* drives
-  ten abreast, each robot measuring the two before it.
+- **formation** simulates the closed loop: odometry, pose filter, what neighbours publish over each link and
+  how fast they are, the law with its limits, the body, and the formation error of every run at every step.
+  *Law alone* and *with filter* are many runs of the six robots, from random starts, without the collision
+  filter and with it; only their five followers are counted, also at "6". *One formation* drives ten abreast,
+  each robot measuring the two before it.
 - **ir-sim** steps differential-drive robots that circle, their command constant: no law, no figure, no
   sensors, no collisions.
 - **Robotarium** does the same. It looks for collisions and draws its sensors' noise, which cannot be turned

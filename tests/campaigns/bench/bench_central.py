@@ -93,13 +93,13 @@ def section(found: dict[str, Any]) -> str:
         f"{count} × {WORDS[how]}": one for count, each in found["robots"].items() for how, one in each.items()
     }
     how = filled(
-        """The paper has one computer that hears every robot and commands them all. Here it is a process
+        """The paper has one computer that receives every robot and commands them all. Here it is a process
         that does so with this project's observers, tracks and law, put together from the same code,
         over Zenoh with a link to each robot; beside it the agents, one process for each robot. Both
         drive""",
         f"""a block of robots that measure two of the row before each, behind a leader on a circle, with
         odometry at {RATE:g} Hz, every robot at a phase of its own. The bodies are one process, and all
-        of it shares this machine's processors, where on a team of robots each agent has one of its own.
+        of it shares this machine's processors, where in a fleet of robots each agent has one of its own.
         Each of the {found["rounds"]} rounds measures {found["seconds"]:g} s of each.""",
         """Late is what has no command half a period after its odometry was due; the error is the mean over
         the edges.""",

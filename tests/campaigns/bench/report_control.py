@@ -85,7 +85,7 @@ def laws(found: Found) -> str:
 On the left the median of all starts and the middle half of them. *Of the bound* is the median of each start's
 own ratio to the bound by distance.
 
-**Lower bound by distance**: nobody has settled before the last robot is within 5 cm of where its slot is by
+**Lower bound by distance**: no run has settled before the last robot is within 5 cm of where its slot is by
 then, and no control point is faster than hypot(u_max, L ω_max). It is a true bound, for a robot's distance
 from its slot is at most the sum of the errors on a path of edges to the leader. **By body** is the same for
 robots that are driven by u_max and ω_max from the heading they start with. Both bounds know all positions and
@@ -125,7 +125,7 @@ def on_routes(found: Found) -> str:
 
 The leader at 0.2 m/s; *settled* is here the first time under 5 cm for 10 s on end. Peak and RMS are of the
 error of all edges between 45 and 90 s, medians of the starts, all of it looked at every 80 ms. At 50 and
-75 s the leader of the square turns a corner on the spot, which nobody can follow at once.
+75 s the leader of the square turns a corner on the spot, which no robot can follow at once.
 
 {markdown(header, rows)}"""
 
@@ -206,8 +206,9 @@ def chains(found: Found) -> str:
 ![Distance from the slot along a chain](figures/bench_control_chain.svg)
 
 {deepest} robots half a metre apart, each measuring the one before it, behind a leader on a circle of 1 m at
-0.1 m/s (u_max 0.22 m/s, L 5 cm, k_I 0.2). Nobody hears those behind, so it is every shorter chain as well.
-Each robot's distance from its slot, RMS over the last third of 240 s; and the last robot's over the first's.
+0.1 m/s (u_max 0.22 m/s, L 5 cm, k_I 0.2). No robot receives those behind, so it is every shorter chain as
+well. Each robot's distance from its slot, RMS over the last third of 240 s; and the last robot's over the
+first's.
 
 {markdown(["hops from the leader", *(str(hop) for hop in hops), "last ÷ first"], rows)}"""
 

@@ -70,8 +70,8 @@ By more than 5 %, and by more than 0.5 mm left, 1 mm of peak or 0.1 s:
 TUNING = """\
 Each law has one set of gains for all scenarios: of the six that are tried the one with the least geometric
 mean of error left (at least 1 mm) × median settling time (the horizon, where under half settle) over
-{tuned}, from eight other starts. For the follower the error is that of distances. As shipped the field law's
-gain is 10 to 12 in these missions.
+{tuned}, from eight other starts. For the follower the error is that of distances. By default the field law's
+gain is 10 in these missions.
 """
 READING = """\
 ## What to know when reading it

@@ -43,9 +43,9 @@ JSON, TEXT = "reliability.json", "reliability.md"
 HEAD = """\
 Real processes, each robot on a computer of its own: network namespaces, whose veth pairs end at one bridge.
 An agent, a watchdog and a simulated robot on each, with the command lines they have in the field; a leader,
-standbys, a monitor that records. A witness who belongs to nobody looks on by a network of its own and
-writes down every command that reaches a robot's wheels, where each robot truly is, and everything said as the
-leader. All verdicts are made of that.
+standbys, a monitor that records. A witness, which is no part of the fleet, looks on by a network of its own
+and writes down every command that reaches a robot's wheels, where each robot truly is, and everything said
+as the leader. All verdicts are made of that.
 
 - *Formation error*: the distances of all edges from what the shape in force asks for, added up, of true
   control points. It is *back* when it stays under 2 cm for a second; *after* counts from when the fault was

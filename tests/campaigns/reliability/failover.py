@@ -44,10 +44,10 @@ TAKEOVERS = "figures/reliability_takeover.svg"
 NAMES = ("failover",)
 BEFORE, AFTER = -0.5, 6.0  # of a takeover, what is shown [s]
 ABOUT = """\
-Whoever leads is killed (kill -9) at a random moment, and started again after 2 s as a standby: the next time
-another one dies. *In time* is from the kill to the first word of the one who leads then; *error back after*
-counts from the kill, too. That at most one led at any moment is checked twice: by what the witness heard, and
-in the monitor's recording."""
+The process that leads is killed (kill -9) at a random moment, and started again after 2 s as a standby: the
+next time another one dies. *In time* is from the kill to the first message of the one that leads then;
+*error back after* counts from the kill, too. That at most one led at any moment is checked twice: by what
+the witness received, and in the monitor's recording."""
 
 
 def run(options: Options) -> Found:

@@ -140,9 +140,9 @@ MISSION = "patrol"
 ABOUT = """\
 One thing at a time is done to a fleet that drives straight on in formation, at a random moment, and undone
 after 2 s (where nothing else is said): a killed process is started again, as systemd does. *In time* is when
-the robot of a dead, hung or unplugged agent was told to stand, by its watchdog or by the agent itself (within
-0.3 s); when a standby led in the dead leader's place; or how much of a killed monitor's recording is
-missing."""
+the robot of a dead, hung or unplugged agent received zero velocity, from its watchdog or from the agent
+itself (within 0.3 s); when a standby led in the dead leader's place; or how much of a killed monitor's
+recording is missing."""
 
 
 NAMES = [row.name for row in rows(load(MISSION))]

@@ -41,11 +41,11 @@ that arrives at any computer is lost with the probability given (nft, `numgen ra
 longer on their way (an access point in Python, because this kernel has no `netem`; loss comes on top, and
 hits what has waited). Robots talk to their own agents on their own computers, which no radio loses. The
 fleet is set up for bad air, also in the loss-free run: beside each TCP link one by UDP for what may be lost
-(`-e udp/…?rel=0`, `--cfg transport/unicast/max_links:2`), a lease of 10 s, a rate of 10 Hz and `takeover =
-6`. *As shipped* is TCP alone, 20 Hz, a lease and a `takeover` of 1 s: there what is lost comes seconds later
-and holds up what follows, links are given up, and the lead changes hands. *Converges* is from the
-first moment at which everybody is seen until the error stays under 2 cm; *settled* is the error in the 10 s
-after that, or in the last 10 of 90 s, median and worst over all tries."""
+(`-e udp/…?rel=0`, `--cfg transport/unicast/max_links:2`), a lease of 10 s, a rate of 10 Hz and
+`takeover = 6`. *As shipped* is TCP alone, 20 Hz, a lease and a `takeover` of 1 s: there what is lost comes
+seconds later and holds up what follows, links are given up, and another candidate takes over. *Converges* is
+from the first moment at which all robots are received until the error stays under 2 cm; *settled* is the
+error in the 10 s after that, or in the last 10 of 90 s, median and worst over all tries."""
 
 
 class Cell(NamedTuple):

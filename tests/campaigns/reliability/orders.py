@@ -33,9 +33,10 @@ UNLINKED = 3.0  # after so long without its robot an agent has noticed that [s]
 ABOUT = f"""\
 Operator's orders at random moments to a fleet that drives straight on, while links are cut, processes are
 frozen or started anew, agents are doubled, missions are mixed or a leader's clock is wrong. *Stands* is from
-the acknowledgement of a stop or a hold until the last robot that acknowledged it was told zero at its wheels
-(within {STANDS:g} s). It must be told nothing else before `run` is ordered: no stop and no hold is lost, no
-release starts motion. Never two processes may lead at once, and in the end all must form again."""
+the acknowledgement of a stop or a hold until the last robot that acknowledged it received zero velocity at
+its wheels (within {STANDS:g} s). It must receive nothing else before `run` is ordered: no stop and no hold
+is lost, no release starts motion. Never two processes may lead at once, and in the end all must form
+again."""
 
 
 def _cut_leader(fleet: Fleet, leader: str) -> None:

@@ -31,7 +31,7 @@ ABOUT = f"""\
 {ROBOTS} robots, {STANDBYS} standbys and a leader for half an hour; of all packets 5 % are lost, and every
 30 s a random process but a robot's is killed and started again after 2 s, stopped (SIGSTOP) for 2 s, or its
 computer unplugged for 2 s. *Grown* is a process's memory (PSS) at its end over that at its fifth minute,
-for processes that became at least ten minutes old: at most 5 %. At the end everybody is told to go."""
+for processes that became at least ten minutes old: at most 5 %. At the end `run` is ordered."""
 
 
 class Reading(NamedTuple):

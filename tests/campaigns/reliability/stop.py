@@ -27,9 +27,8 @@ MOMENT = 2.0  # a stop comes at any moment of so long [s]
 ABOUT = f"""\
 `formation order MISSION stop` from the desk to {ROBOTS} robots that drive, and a leader. *Acknowledged*:
 until the last answer of those that can be reached (at most 200 ms). *Stands*: from the command's first
-question until the last of them was told zero at its wheels, and nothing else from then on until the
-release. An unreachable robot is unplugged (veth down) before the order: it has to be named, and nobody
-else."""
+request until the last of them received zero velocity at its wheels, and nothing else from then on until the
+release. An unreachable robot is unplugged (veth down) before the order: it has to be named, and no other."""
 
 Case = Callable[[Fleet], tuple[list[str], Callable[[], object]]]
 """Makes it hard; what cannot answer, and how to make it easy again."""

@@ -93,7 +93,7 @@ TITLE = "Crossing starts"
 ABOUT = """\
 Random starts in `formation simulate`'s own loop, 20 Hz, 60 s: control points within ± 3 m of their slots,
 any heading, bodies of 10 cm at least 5 cm apart. Robots reach 1.5 m/s and 1.5 rad/s and do not know their
-headings at first; L = 0.2 m, the gains of `six_robots` (k_p = 2, k_i = 1), `avoid = "all"`, a margin of 2 cm.
+headings at first; the law `field` with gain 10 1/s, L = 0.2 m, no lag, `avoid = "all"`, a margin of 2 cm.
 *6* is `six_robots`, five robots that drive and a leader that is a point; 12 and 25 drive in a block of
 columns 1 m apart, each measuring two of the row before. The same starts are driven with the collision filter
 and without. A run *comes into formation* when the error summed over all edges stays under the mission's bound
@@ -144,7 +144,7 @@ def section(found: Found) -> str:
         table(HEADER, map(_row, found["random"])),
         filled(
             "*Deadlocks* are how often a robot that was kept for half a second went to the right for a",
-            "while, all runs together. Harder, and without a bar: everybody starts in a slot dealt out",
+            "while, all runs together. Harder, and without a bar: each robot starts in a slot dealt out",
             f"at random, within ± {STREWN:g} m, where all have to pass each other in little room.",
         ),
         table(HEADER, map(_row, found["permuted"])),

@@ -26,12 +26,12 @@ RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 """Starts of each; [s]; a final error above this is a robot left behind [m]."""
 ABOUT = f"""\
 `six_robots` with `avoid = "all"` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s
-for each pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of
-each other), with the collision filter. The mission states the noise where it is more than the default. A run
-*leaves robots behind* when its error, summed over edges, is above
-{LEFT_BEHIND:g} m at the end. The second table has seven TurtleBots, as `formation new` makes the mission, in
-each shape, {SEVEN_RUNS} starts each with {1e3 * NOISES[-1]:g} mm of noise, which the mission states, and
-{1e3 * SEVEN_DELAY:g} ms of delay."""
+for each pair of noise (of every position, standard deviation per axis) and delay (of all that robots receive
+of each other), with the collision filter. The mission states the noise where it is more than the default. A
+run *leaves robots behind* when its error, summed over edges, is above {LEFT_BEHIND:g} m at the end. The
+second table has seven TurtleBots, as `formation new` makes the mission, in each shape, {SEVEN_RUNS} starts
+each with {1e3 * NOISES[-1]:g} mm of noise, which the mission states, and {1e3 * SEVEN_DELAY:g} ms of
+delay."""
 
 
 def run(options: Options) -> Found:

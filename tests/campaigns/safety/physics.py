@@ -35,11 +35,10 @@ Both shipped missions of the paper, with `avoid = "all"` for starts that cross, 
 ([decision 41](decisions/0041-physics-world.md)): production agents on a fake clock, {STARTS} starts of
 each, {SECONDS:.0f} s. Starts are drawn as `formation simulate` draws them: control points within ± 3 m of the
 six robots' slots, ± 1 m of the pair's, any heading, bodies {100 * MIN_START_CLEARANCE:.0f} cm
-apart. The leader drives all the time, at 0.2 and at 0.05 m/s. *Off* is by how much relative positions of
-control points truly were not
-what the shape wants, root mean square over time and over who measures whom, or over all pairs, the leader
-among them. Touching is as MuJoCo finds contacts; *nearest* is the room between the circles that hold two
-bodies."""
+apart. The leader drives all the time, at 0.2 and at 0.05 m/s. *Off* is the distance between the true and
+the desired relative positions of control points, root mean square over time and over edges, or over all
+pairs, the leader among them. Touching is as MuJoCo finds contacts; *nearest* is the room between the
+circles that contain two bodies."""
 HEADER = (
     f"mission | runs that touch | nearest | off, {SETTLED:.0f} to {OWN:.0f} s: all runs, worst | "
     f"{SETTLED:.0f} to {SECONDS:.0f} s | of it in odometry | "
@@ -65,7 +64,7 @@ def bars(found: Found) -> list[Found]:
         lasts = f"{name}: off by less than 3 cm RMS for as long as the mission lasts, each start"
         over = f"worst {100 * whole:.1f} cm, {sum(off >= MOST for off in one['whole'])} of {starts} over 3 cm"
         every += [
-            bar(f"{name}: nobody touches, {starts} starts", f"{touched} runs", not touched),
+            bar(f"{name}: no two bodies touch, {starts} starts", f"{touched} runs", not touched),
             bar(lasts, f"worst {100 * own:.1f} cm", own < MOST),
             bar(f"{name}: the same for {SECONDS:.0f} s", over, whole < MOST),
         ]

@@ -22,10 +22,11 @@ SEEDS, LASTS, BOUND = 5, 10.0, 0.1
 ABOUT = f"""\
 Rehearsals (`formation rehearse`). A random robot's sensor freezes, trembles around one place, or is late, at
 a random moment on the way to its slot or in formation, for {LASTS:g} s; {SEEDS} times for each mission and
-source. *Driven* is the true way from {GRACE:g} s after the robot first drove with the fault until that ended,
-probes included. A robot must notice late positions from an age of half its delay margin on; its way counts
-where they are older. *Settled* is the time from the end of the fault until the formation had settled, or
-where odometry counts from the start, until all robots ran again."""
+source. *Driven* is the true way from {GRACE:g} s after the robot first drove with the fault until that
+ended, probes included. A robot must hold for positions older than half of its delay margin (law `field`:
+that of gain 4 1/s at most, 0.2 s); its way counts where they are older. *Settled* is the time from the end
+of the fault until the formation had settled, or where odometry counts from the start, until all robots ran
+again."""
 
 
 class Case(NamedTuple):
