@@ -36,63 +36,76 @@ ALONE = "one process, for a machine of its own"
 FIELD = "in the field"
 COMMANDS = {
     "run": Command("deploy.local.run", "start every process of a mission here, watch it, record it", HERE),
-    "check": Command("deploy.check", "is this mission stable, how fast, which delay does it tolerate?", HERE),
-    "simulate": Command("deploy.simulate", "many starts, faster than real time, without a network", HERE),
+    "check": Command(
+        "deploy.check", "compute whether a mission is stable, how fast, and its delay margin", HERE
+    ),
+    "simulate": Command(
+        "deploy.simulate", "simulate many starts, faster than real time, without a network", HERE
+    ),
     "rehearse": Command(
-        "deploy.rehearse", "every process with faults, on a virtual clock, from one seed", HERE
+        "deploy.rehearse", "run every process with faults, on a virtual clock, from one seed", HERE
     ),
     "stop": Command("deploy.order", "stop every robot of a running mission, at once", HERE, "stop"),
     "order": Command("deploy.order", "give a running mission's robots any order", HERE),
     "drive": Command("deploy.driving.drive", "drive the leader by hand: keys, gamepad, ROS topic", HERE),
-    "follow": Command("deploy.driving.follow", "goals and paths of ROS as routes of the leader", HERE),
-    "watch": Command("deploy.watch", "a table of any running fleet in the terminal", HERE),
+    "follow": Command("deploy.driving.follow", "make goals and paths of ROS routes of the leader", HERE),
+    "watch": Command("deploy.watch", "show any running fleet as a table in the terminal", HERE),
     "replay": Command(
-        "deploy.recordings.replay", "play a recording to the live page, and onto keys of its own", HERE
+        "deploy.recordings.replay",
+        "play a recording to the live page, and on keys that no robot receives",
+        HERE,
     ),
-    "recover": Command("deploy.recordings.recover", "make a recording whole that was cut off", HERE),
+    "recover": Command("deploy.recordings.recover", "complete a recording that was cut off or damaged", HERE),
     "report": Command(
-        "deploy.recordings.report", "a recording as a page and figures; two, side by side", HERE
+        "deploy.recordings.report", "make a page and figures of a recording, or of two side by side", HERE
     ),
     "new": Command(
-        "deploy.mission_files.new", "write a mission: a line, wedge, circle, … of so many robots", HERE
+        "deploy.mission_files.new", "write a mission: a line, wedge, circle, … of any number of robots", HERE
     ),
     "assign": Command("deploy.mission_files.assign", "choose slots, and the neighbours to measure", HERE),
-    "missions": Command("deploy.mission_files.files", "what the shipped missions are, and where", HERE),
+    "missions": Command("deploy.mission_files.files", "list the shipped missions, and where they are", HERE),
     "agent": Command("agent.__main__", "control one robot", ALONE),
-    "leader": Command("leader.__main__", "go along the route and give the orders", ALONE),
-    "watchdog": Command("agent.watchdog.__main__", "stop one robot when its agent falls silent", ALONE),
+    "leader": Command("leader.__main__", "move along the route and give the orders", ALONE),
+    "watchdog": Command("agent.watchdog.__main__", "stop one robot when its agent is silent", ALONE),
     "robot": Command("agent.simulated.__main__", "simulate one robot or several", ALONE),
     "monitor": Command("monitor.__main__", "measure, record and show on a page", ALONE),
     "deploy": Command(
-        "deploy.cli", "bring a mission onto robots: certificates, bundles, push", FIELD, "deploy"
+        "deploy.cli", "install a mission on robots: certificates, bundles, push", FIELD, "deploy"
     ),
-    "doctor": Command("deploy.doctor.cli", "what is wrong with a robot or a fleet, and what to do", FIELD),
+    "doctor": Command(
+        "deploy.doctor.cli", "say what is wrong with a robot or a fleet, and what to do", FIELD
+    ),
 }
 STEPS = {
     "certificates": Command(
-        "deploy.fleet.certificates", "a CA, and a short-lived certificate for each process"
+        "deploy.fleet.certificates", "make a CA, and a short-lived certificate for each process"
     ),
-    "bundle": Command("deploy.fleet.bundle", "one folder per robot with all that it needs, without internet"),
+    "bundle": Command(
+        "deploy.fleet.bundle", "make one folder per robot with all that it needs, without internet"
+    ),
     "push": Command("deploy.fleet.push", "put the bundles on all robots over ssh, at the same time"),
-    "status": Command("deploy.fleet.fleet_status", "which robots run which version and mission, since when"),
+    "status": Command(
+        "deploy.fleet.fleet_status", "say which robots run which version and mission, since when"
+    ),
     "rollback": Command(
-        "deploy.fleet.push", "back to what the robots ran before the last push", function="rollback"
+        "deploy.fleet.push", "go back to what the robots ran before the last push", function="rollback"
     ),
 }
 """Sub-commands of `formation deploy`, in the order of use."""
 EXAMPLES = """\
 examples:
-  formation run                          six robots, until they hold the paper's formation
+  formation run                          six robots in a hexagon behind their leader
   formation new wedge --robots 7         a mission of your own, into wedge_7.toml
-  formation check two_chains             what the eigenvalues say of a mission
+  formation check two_chains             is it stable, how fast, which delay does it tolerate?
   formation simulate six_robots --runs 100 --seed 1
   formation stop                         in a second terminal, while it runs
   formation order six_robots shape wedge
-  formation watch six_robots             and what that does, in a third
-  formation replay recordings/six.mcap   what happened, once more
+  formation watch six_robots             in a third terminal: the table of robots
+  formation replay recordings/six.mcap   see a recording again
   formation agent my_mission.toml --robot robot2
 
-MISSION is a TOML file or the name of a shipped mission. `formation COMMAND --help` says more.
+MISSION is a TOML file, a folder of bundles, or the name of a shipped mission.
+`formation COMMAND --help` says more.
 """
 DEPLOY_EXAMPLES = """\
   formation deploy certificates field.toml --out secrets
@@ -169,7 +182,7 @@ def deploy(arguments: Sequence[str]) -> int:
     parser = Parser(
         prog="formation deploy",
         usage="formation deploy [-h] COMMAND ...",
-        description=f"Bring a mission onto robots, one command after the other.\n\n{steps}",
+        description=f"Install a mission on robots, one command after the other.\n\n{steps}",
         epilog=f"examples:\n{DEPLOY_EXAMPLES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

@@ -89,7 +89,7 @@ CMD_VEL = Topic(
 POSITION = Topic(
     "position", "{robot}/position", "geometry_msgs/msg/PoseStamped", "agent or leader",
     "robots that measure or avoid it", "each odom", Qos("data", express=True),
-    "centre and estimated heading in the world frame; the order rides as attachment",
+    "centre and estimated heading in the world frame; the order is attached",
     agent_input=True, monitored=("follower", "leader"), promised_rate="robot",
 )  # fmt: skip
 SCAN = Topic(
