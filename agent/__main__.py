@@ -35,20 +35,18 @@ NODE = "formation_agent"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Drive one robot until told to stop; return the exit code."""
-    flags = parser(
-        "agent", "Drive one follower: its own odometry and its neighbours in, commands out.", EXAMPLES
-    )
+    flags = parser("agent", "Control one follower by its odometry and its neighbours' positions.", EXAMPLES)
     flags.add_argument(
         "--robot", required=True, metavar="NAME", help="which follower of the mission to drive"
     )
-    flags.add_argument("--law", choices=list(LAWS), help="overrule the mission's law")
+    flags.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
     flags.add_argument(
         "--readonly", action="store_true", help="do everything but send the robot commands: nothing moves"
     )
     flags.add_argument(
         "--state", metavar="DIR", type=Path,
-        help="folder for what outlives this process: whether an operator has stopped the robot,"
-        " and how it was on its way (default: nothing does)",
+        help="folder that keeps an operator's stop or hold, and the robot's heading and odometry frame, over"
+        " a restart (default: nothing is kept)",
     )  # fmt: skip
     add_robot_connect(flags)
     args = flags.parse_args(argv)

@@ -239,7 +239,7 @@ def _options() -> argparse.ArgumentParser:
         "--world",
         choices=("kinematic", "mujoco"),
         default="kinematic",
-        help="robots that do as they are told, or physics with mass, motors, slip and contacts, without"
+        help="robots that move as commanded, or physics with mass, motors, slip and contacts, without"
         " sensor faults; needs the extra physics (default: kinematic)",
     )
     flags.add_argument(

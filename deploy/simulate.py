@@ -269,14 +269,16 @@ def _options() -> argparse.ArgumentParser:
     options = parser("simulate", "Simulate a mission: the agents' own law, without a network.", EXAMPLES)
     add_mission(options)
     options.add_argument(
-        "--runs", type=whole(1, MAX_RUNS), default=1, metavar="N", help="how many (default 1)"
+        "--runs", type=whole(1, MAX_RUNS), default=1, metavar="N", help="number of runs (default 1)"
     )
-    options.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of all chance (default 0)")
+    options.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="seed of all random numbers (default 0)"
+    )
     options.add_argument(
         "--horizon",
         type=number(0.0, MAX_HORIZON, open_below=True),
         metavar="S",
-        help=f"its length, at most {MAX_HORIZON:g} [s]",
+        help=f"length of a run, at most {MAX_HORIZON:g} [s]",
     )
     options.add_argument(
         "--spread",
@@ -289,7 +291,7 @@ def _options() -> argparse.ArgumentParser:
         "--delay", type=number(0.0, 60.0), default=0.0, metavar="S", help="age of neighbours' positions [s]"
     )
     worse.add_argument(
-        "--loss", type=number(0.0, 1.0), default=0.0, metavar="P", help="share of them that is lost, 0 to 1"
+        "--loss", type=number(0.0, 1.0), default=0.0, metavar="P", help="share of these that is lost, 0 to 1"
     )
     worse.add_argument(
         "--noise",

@@ -30,9 +30,9 @@ ONLY = ""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Lead until told to stop; return the exit code."""
-    parser = flags.parser("leader", "Go along the mission's route and give the orders.", EXAMPLES)
+    parser = flags.parser("leader", "Move along the mission's route and give the orders.", EXAMPLES)
     parser.add_argument(
-        "--hold", action="store_true", help="wait until told to run, unless the fleet is under way"
+        "--hold", action="store_true", help="hold until `run` is ordered, unless the fleet is under way"
     )
     parser.add_argument(
         "--standby",
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--anew",
         action="store_true",
-        help="begin at the start, also where robots relay how far a leader before had come",
+        help="begin at the start of the route, also where robots relay where an earlier leader was",
     )
     parser.add_argument(
         "--state", metavar="DIR", type=Path,

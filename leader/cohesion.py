@@ -1,4 +1,4 @@
-"""Cohesion: the leader slows, and waits, while the formation is torn (``[cohesion]`` of a mission).
+"""Cohesion: the leader slows, and waits, while edge errors are large (``[cohesion]`` of a mission).
 
 An edge's error is a follower's distance from its place relative to a neighbour that it measures. While the
 largest is under half of the bound, the leader keeps its speed; from there to the bound it slows to a stand.
@@ -31,7 +31,7 @@ class _LastPosition(NamedTuple):
 
 
 class Cohesion:
-    """How torn the formation is, and how fast the leader may therefore go."""
+    """The largest edge error, and how fast the leader may therefore go."""
 
     def __init__(self, mission: Mission) -> None:
         self.pace = 1.0

@@ -233,7 +233,7 @@ def _flags() -> argparse.ArgumentParser:
     flags.add_argument(
         "--law",
         choices=list(LAWS),
-        help="the law agents were told to use, if not the mission's: it is recorded",
+        help="the law that agents use, if it is not the mission's; it is recorded",
     )
     flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"

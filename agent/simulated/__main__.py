@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         help="a robot to simulate; repeatable (default: all followers)",
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="of all noise (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, help="seed of all noise (default: 0)")
     add_world_flags(parser)
     args = parser.parse_args(arguments)
     return run_process(" ".join(args.robot or ["robots"]), args, lambda stop: _run(args, stop))

@@ -24,7 +24,7 @@ def add_world_flags(to: argparse.ArgumentParser) -> None:
         "--world",
         choices=("kinematic", "mujoco"),
         default="kinematic",
-        help="robots that do as they are told, or physics with mass, motors, slip and contacts, which needs"
+        help="robots that move as commanded, or physics with mass, motors, slip and contacts, which needs"
         " the extra physics (default: kinematic)",
     )
     group.add_argument(
@@ -32,7 +32,7 @@ def add_world_flags(to: argparse.ArgumentParser) -> None:
         metavar="FAULT",
         action="append",
         default=[],
-        help=f"a fault to rehearse, {faults.FORM}; KIND is one of {', '.join(faults.SIZES)}; repeatable",
+        help=f"a fault to simulate, {faults.FORM}; KIND is one of {', '.join(faults.SIZES)}; repeatable",
     )
     group.add_argument(
         "--picture", metavar="FILE.png", type=Path, help="with mujoco: a picture of the world at the end"

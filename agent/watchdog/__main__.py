@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         EXAMPLES,
         fleet=False,
     )
-    parser.add_argument("--robot", required=True, metavar="NAME", help="the robot to guard")
+    parser.add_argument("--robot", required=True, metavar="NAME", help="the robot to watch")
     parser.add_argument(
         "--once",
         action="store_true",

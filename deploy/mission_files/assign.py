@@ -29,9 +29,9 @@ from formation.slots.shape import PlacedShape
 MAX_COORDINATE = 100_000
 """Largest magnitude of a mission's positions on each axis [m]."""
 EXAMPLES = """\
-  formation assign my_mission.toml --dry-run           what would change, and how far each would go
-  formation assign my_mission.toml                     the least way in all, written into the file
-  formation assign my_mission.toml --least longest     the longest way is as short as possible
+  formation assign my_mission.toml --dry-run           what would change, and the distance of each robot
+  formation assign my_mission.toml                     the least sum of distances, written into the file
+  formation assign my_mission.toml --least longest     the longest distance is as short as possible
   formation assign six_robots --out my_mission.toml --graph keep
   formation assign my_mission.toml --positions now.json    with {"robot1": [0.4, -1.2], …}
 
@@ -359,7 +359,7 @@ def _options() -> argparse.ArgumentParser:
         "--least",
         choices=AIMS,
         default="total",
-        help="the way of all together, or the longest of any (default %(default)s)",
+        help="what to make least: the sum of all distances, or the longest (default %(default)s)",
     )
     options.add_argument("--shape", metavar="NAME", help="the shape to go into (default the mission's first)")
     options.add_argument(

@@ -290,7 +290,7 @@ def _draft(options: argparse.Namespace) -> Draft:
 
 
 def _options() -> argparse.ArgumentParser:
-    options = parser("new", "Write a mission: a shape of so many robots, ready to run.", EXAMPLES)
+    options = parser("new", "Write a mission: any number of robots in a shape, ready to run.", EXAMPLES)
     options.add_argument("shape", metavar="SHAPE", choices=SHAPES, help=", ".join(SHAPES))
     options.add_argument(
         "--robots",
@@ -311,7 +311,7 @@ def _options() -> argparse.ArgumentParser:
         "--robot",
         choices=PROFILES,
         default=next(iter(PROFILES)),
-        help="which robots, with gains and limits that suit them (default %(default)s)",
+        help="kind of robots, with its limits (default %(default)s)",
     )
     options.add_argument(
         "--corners",
@@ -325,7 +325,7 @@ def _options() -> argparse.ArgumentParser:
         help="robots avoid all others that may come near, by the positions that these publish: more links "
         "than the graph needs (`formation check` counts them)",
     )
-    add_out(options, "where to (default SHAPE_N.toml, here)")
+    add_out(options, "file to write (default SHAPE_N.toml, here)")
     options.add_argument("--force", action="store_true", help="write over a file that is there")
     add_json(options)
     return options

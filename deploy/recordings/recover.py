@@ -19,7 +19,8 @@ EXAMPLES = """\
   formation recover monday.mcap -o monday-whole.mcap
 
 `formation report` and `formation replay` read what is readable of such a recording; Foxglove, PlotJuggler and
-`ros2 bag` want a whole one. Exit code 0: there is a whole one now, or it was; 2: nothing was written.
+`ros2 bag` need a complete one. Exit code 0: FILE is complete, or a complete copy was written; 2: nothing was
+written.
 """
 PROGRESS_PERIOD = 2.0
 """Time before the first progress message, and between messages [s]."""
