@@ -34,7 +34,7 @@ REFRESH_PERIOD = 0.25
 """Time between two pictures if no snapshot comes [s]."""
 EXAMPLES = """\
   formation run                            the paper's six robots
-  formation run turtlebot3_pair --law paper
+  formation run turtlebot3_pair --law paper --duration 60    the paper's law; it settles after about 45 s
   formation run my_mission.toml --duration 60 --record today.mcap --json
   formation run --control                  with buttons for orders on the page
   formation run --world mujoco             with wheels that slip, and bodies that bump into each other
