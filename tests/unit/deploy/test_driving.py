@@ -31,8 +31,6 @@ from formation.deploy.driving.remote import Remote
 from formation.mission.file import load
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply, OperatorRequest
-from formation.protocol import order
-from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.ros2.messages import Twist, encode
 from formation.transport.runtime import clock
 from formation.wire import Sample

@@ -155,7 +155,9 @@ def test_ordered_route_ends_the_drive() -> None:
 def test_driver_must_let_go_and_drive_again_after_ordered_route(held: float) -> None:
     leader, driver, end = driven()
     driver.send(end + 0.01, held)
-    leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
+    leader.request(
+        json_message.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02
+    )
     end = driver.hold_stick(end + 0.05, 1.0, held)
     assert leader.mode == "run"
     assert leader.plan.route.id != "driven"
@@ -169,21 +171,27 @@ def test_driver_must_let_go_and_drive_again_after_ordered_route(held: float) -> 
 def test_driver_that_had_let_go_drives_on_after_ordered_route() -> None:
     leader, driver, end = driven()
     driver.send(end + 0.01, 0.0)
-    leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
+    leader.request(
+        json_message.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02
+    )
     driver.hold_stick(end + 5.0, 0.2, 0.1)
     assert (leader.mode, leader.plan.route.id) == ("run", "driven")
 
 
 def test_new_driver_takes_leader_from_ordered_route() -> None:
     leader, _, end = driven()
-    leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
+    leader.request(
+        json_message.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02
+    )
     Driver(leader, "driver-2").hold_stick(end + 0.5, 0.2, 0.0)
     assert (leader.mode, leader.plan.route.id) == ("hold", "driven")
 
 
 def test_idle_driver_leaves_ordered_route_after_takeover() -> None:
     leader, driver, end = driven()
-    leader.request(order.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02)
+    leader.request(
+        json_message.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02
+    )
     other = leading(CONVOY)
     other.plan.learn(leader.plan.route)
     other.plan.restore(leader.plan.order(1, 5, "run"))
