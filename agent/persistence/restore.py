@@ -4,7 +4,9 @@
             also across restarts. A file that cannot be read may have been a stop: the robot stands.
     state   the robot's pose, its odometry's frame, its integral and gains, the voted term. Restored if it is
             of this robot, mission, law and boot, a minute old at most, and if the first message of the new
-            process follows from it; otherwise the agent starts fresh.
+            process follows from it; otherwise the agent starts fresh. It then takes odometry that counts
+            from the start as counted from the start pose. Where the saved state leaves a doubt of that, the
+            robot is held until an operator orders ``run``.
 
 Nothing of neighbours is saved: their messages arrive within a period. `formation.agent.persistence.store` has
 the files.
@@ -35,7 +37,7 @@ from formation.agent.persistence.state import (
     restore,
 )
 from formation.agent.pose.estimator import Localisation, LocalisationState
-from formation.agent.pose.sources import ExternalPoseState
+from formation.agent.pose.sources import ExternalPoseState, OdometryState, counts_from_start_pose
 from formation.agent.safety.latch import LatchState
 from formation.protocol.election import check_term
 from formation.protocol.json_message import Id, Name
@@ -120,7 +122,11 @@ class Restorer:
         self._agent, self._boot = agent, boot
         self._mission = agent.mission
         self._external = self._mission.robots[agent.robot].localisation == "external"
+        self._counts_from_start = (
+            not self._external and self._mission.robots[agent.robot].odometry_frame == "start"
+        )
         self._saved: Saved | None = None
+        self._refused: tuple[Saved, str] | None = None  # a state that is not restored, and why
 
     def take_stops(self, data: bytes, now: Now, where: str) -> Taken:
         """Restore a stop or a hold; `where` is the name of the file.
@@ -169,42 +175,75 @@ class Restorer:
             saved = SAVED.read(data)
             unfit = self._unfit(saved, now)
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
-            return _anew(f"cannot be read: {_described(bad)}")
+            return self.unreadable(f"cannot be read: {_described(bad)}", now)
         if unfit:
+            if self._counts_from_start and saved.robot == self._agent.robot:
+                self._refused = saved, unfit
             return _anew(unfit)
         self._saved = saved
         return self._taken(Restored(voted_term=saved.voted_term), "")
 
+    def unreadable(self, why: str, now: Now) -> Taken:
+        """Start without a saved state that cannot be read."""
+        return self._unplaced(why, now) if self._counts_from_start else _anew(why)
+
     @property
     def waits(self) -> bool:
         """Whether a saved state waits for the robot's first message."""
-        return self._saved is not None
+        return self._saved is not None or self._refused is not None
 
     def meet(self, inbox: Sequence[Sample], now: Now) -> Taken | None:
         """Restore the saved state, if the robot's first message follows from it."""
-        saved, key = self._saved, (POSE if self._external else ODOM).key(self._agent.robot)
+        key = (POSE if self._external else ODOM).key(self._agent.robot)
         sample = next((sample for sample in inbox if sample.key == key), None)
-        if sample is None or saved is None:
+        if sample is None:
             return None
         try:
             message = decode(Pose, sample.payload) if self._external else decode(Odometry, sample.payload)
         except BadMessage:
             return None  # the agent will report it
-        self._saved = None
+        saved, self._saved = self._saved, None
+        refused, self._refused = self._refused, None
+        if refused is not None:
+            return self._started_anew(*refused, message, now)
+        return None if saved is None else self._restored(saved, message, sample.arrived, inbox, now)
+
+    def _restored(
+        self, saved: Saved, message: Odometry | Pose, arrived: float, inbox: Sequence[Sample], now: Now
+    ) -> Taken:
+        """Restore a saved state, if the robot's first `message` follows from it."""
         if unfit := self._unfit(saved, now):
-            return _anew(unfit)
+            return self._started_anew(saved, unfit, message, now) or _anew(unfit)
         here = Localisation(self._mission, self._agent.robot, self._agent.controller)
         try:
             overwrite(here.state, saved.here)
-            if strange := here.goes_on(message, sample.arrived, saved.mono):
-                return _anew(strange)
-            age = sample.arrived - saved.mono
+            if strange := here.goes_on(message, arrived, saved.mono):
+                return self._started_anew(saved, strange, message, now) or _anew(strange)
+            age = arrived - saved.mono
             integral = saved.integral if age <= MAX_INTEGRAL_AGE else None
             restored = Restored(here=here.state, integral=integral, tuning=saved.tuning)
             self._rehearse(restored, inbox, now)
             return self._taken(restored, f"goes on from where it was {age:.1f} s ago")
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
-            return _anew(f"cannot be read: {_described(bad)}")
+            return self.unreadable(f"cannot be read: {_described(bad)}", now)
+
+    def _started_anew(self, saved: Saved, why: str, message: Odometry | Pose, now: Now) -> Taken | None:
+        """Hold the robot unless `message` counts on from the saved state, and that from the start pose."""
+        source = saved.here.source
+        if not self._counts_from_start or not isinstance(message, Odometry):
+            return None
+        counts_on = isinstance(source, OdometryState) and counts_from_start_pose(
+            source, message, self._mission.robots[self._agent.robot].start
+        )
+        return None if counts_on else self._unplaced(why, now)
+
+    def _unplaced(self, why: str, now: Now) -> Taken:
+        """Hold the robot until an operator orders run, below a stop that is in force."""
+        latch = self._agent.state.latch
+        reason = Reason.of(Code.UNPLACED, detail=why)
+        rest = Rest(latch.rest.stop, latch.rest.hold or f"unplaced-{now.mono:.6f}")
+        held = LatchState(rest=rest, why=reason if latch.rest.mode is None else latch.why, once=latch.once)
+        return self._taken(Restored(latch=held), str(reason))
 
     def saved(self, now: Now) -> Json | None:
         """The state to be saved with `json`; None before the robot's first message."""
@@ -348,16 +387,22 @@ class Persistence:
         try:
             saved = self._store.read_state()
         except OSError as error:
-            yield _anew(str(error))
+            yield self._noted(self._restorer.unreadable(str(error), now))
         else:
             if saved is not None:
-                yield self._restorer.take_saved(saved, now)
+                yield self._noted(self._restorer.take_saved(saved, now))
 
     def met(self, now: Now, inbox: Sequence[Sample]) -> Taken | None:
         """Restore the state that waits for the robot's first message; call this before a step."""
         taken = self._restorer.meet(inbox, now) if self._restorer.waits else None
-        if taken is not None and taken.restored is not None:
+        if taken is not None and taken.restored is not None and taken.restored.here is not None:
             self._met = now.mono
+        return None if taken is None else self._noted(taken)
+
+    def _noted(self, taken: Taken) -> Taken:
+        """Have a new hold saved with the next step: it must outlive the next restart too."""
+        if taken.restored is not None and taken.restored.latch is not None:
+            self._requested = True
         return taken
 
     def requested(self) -> None:

@@ -24,6 +24,7 @@ from formation.control.observer import Travel
 from formation.control.plane import angle_between, clip, rotation, shorten, unit
 from formation.control.unicycle import AT_REST, Command, advance
 from formation.mission.model import Mission
+from formation.mission.robot import Start
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Localised
 from formation.ros2.messages import Odometry, Pose
@@ -223,6 +224,20 @@ class OdometrySource:
         state.origin = there - state.rotation * now.position
         state.realigned += 1
         return facing / heading
+
+
+def counts_from_start_pose(state: OdometryState, odometry: Odometry, start: Start) -> bool:
+    """Whether `odometry` goes on with the count of a robot that stood, and that counts from the `start` pose.
+
+    Otherwise it may have begun anew elsewhere.
+    """
+    last = state.last
+    if last is None:
+        return False
+    placed = abs(state.origin - start.position) <= JUMP_MARGIN
+    faces = abs(angle_between(state.rotation, start.heading)) <= TURN_MARGIN
+    stood = abs(odometry.position - last.position) <= JUMP_MARGIN
+    return placed and faces and stood and abs(angle_between(last.heading, odometry.heading)) <= TURN_MARGIN
 
 
 def _can(rate: float, most: float) -> bool:

@@ -30,7 +30,7 @@ SECOND_RUN_TIME = 10.0
 """Time after the last fault at which an operator orders run again [s].
 
 A hold or a stop that arrives again or late is in force again: robots obey it whenever they receive it. The
-longest that a fault keeps a message is 8 s.
+longest that a fault keeps a message is 8 s. And a robot whose saved state was lost may hold until run.
 """
 
 
@@ -117,6 +117,8 @@ KINDS: Mapping[str, Kind] = {
 }
 DISTURBING = frozenset({*NETWORK, *PROCESSES})
 """Kinds of faults under which an operator's request may arrive after a newer one."""
+UNREADABLE = frozenset({"torn", "mixed"})
+"""Kinds of faults after which an agent cannot use the saved state of the one before it."""
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 
@@ -192,7 +194,8 @@ def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
             if fault.lasts < math.inf:
                 fleet.engine.at(fault.since + fault.lasts, end)
     finite = [one for one in faults if one.lasts < math.inf]
-    if any(one.kind in OPERATOR for one in finite) and any(one.kind in DISTURBING for one in finite):
+    kinds = {one.kind for one in finite}
+    if kinds & UNREADABLE or (kinds & OPERATOR.keys() and kinds & DISTURBING):
         last = max(one.since + one.lasts for one in finite)
         fleet.engine.at(last + SECOND_RUN_TIME, operator.set_going)
 

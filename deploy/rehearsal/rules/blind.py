@@ -77,11 +77,17 @@ def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
     """Return those of `faults` that are of `BLIND`, except of robots that are carried as well."""
     faults = list(faults)
     carried = {one.robot for one in faults if one.kind == "carried"}
+    blind = [one for one in faults if one.kind in BLIND and one.robot not in carried]
     return [
-        Blind(one, _since(mission, one), one.since + one.lasts)
-        for one in faults
-        if one.kind in BLIND and one.robot not in carried
+        Blind(one, max(_since(mission, one), _hidden_until(one, blind)), one.since + one.lasts)
+        for one in blind
     ]
+
+
+def _hidden_until(fault: Fault, others: Iterable[Fault]) -> float:
+    """Return when earlier faults of its robot end, which are noticed instead of `fault` [s]."""
+    earlier = [one for one in others if one.robot == fault.robot and one.since < fault.since]
+    return max((one.since + one.lasts for one in earlier), default=0.0)
 
 
 def _since(mission: Mission, fault: Fault) -> float:

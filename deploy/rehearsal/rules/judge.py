@@ -50,6 +50,7 @@ from formation.agent.core import Agent
 from formation.agent.simulated.faults import LATE, STUCK, Fault
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
+from formation.deploy.rehearsal.faults import UNREADABLE
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.answers import Answers
 from formation.deploy.rehearsal.rules.blind import BlindPaths
@@ -151,7 +152,7 @@ class Judge:
         self._blind = BlindPaths(fleet, faults, self._tell)
         self._commands = Commands(fleet, faults, self._tell)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
-        self._lost = {one.robot for one in faults if _is_lost_by(one, mission)}
+        self._lost = {one.robot for one in faults if _is_lost_by(one, mission)} | _misplaced(faults, mission)
         self._can_settle = not slipping and not self._lost
         self._drift = Body.of(mission.simulated_robot).drift
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
@@ -372,6 +373,13 @@ def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     if spec is None or fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
         return False
     return spec.localisation == "odometry" and spec.odometry_frame == "start"
+
+
+def _misplaced(faults: Sequence[Fault], mission: Mission) -> set[str]:
+    """Robots whose odometry began anew, while the agent that knew it lost its state."""
+    begun_anew = {one.robot for one in faults if one.kind == "restart"}
+    forgot = {one.robot for one in faults if one.kind in {"reset", *UNREADABLE}}
+    return {name for name in begun_anew & forgot if mission.robots[name].odometry_frame == "start"}
 
 
 def _state(fleet: Fleet, name: str) -> str:

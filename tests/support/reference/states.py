@@ -99,7 +99,10 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("the leader orders stop", [_with(order=ORDER.model_copy(update={"mode": "stop"}))]),
     (
         "an operator's hold is in force",
-        [_with(latched="hold", why=why) for why in (None, Reason(Code.HELD_BEFORE_START))],
+        [
+            _with(latched="hold", why=why)
+            for why in (None, Reason(Code.HELD_BEFORE_START), Reason(Code.UNPLACED))
+        ],
     ),
     ("the leader orders hold", [_with(order=ORDER.model_copy(update={"mode": "hold"}))]),
     ("messages late, or a wrong clock, and no answer", [_with(unanswered={"robot1": Unanswered(3.0, 0.5)})]),

@@ -43,6 +43,8 @@ from tests.unit.agent.sudden import largest_command_change
 SIX = load("six_robots")
 BACK = turning_back()
 SEEN = turning_back(localisation="external")
+COUNTING = turning_back(odometry_frame="start")
+"""Its odometry counts from the start pose."""
 AT_REST = (0.0, 0.0)
 STRAIGHT = 5.0
 """Heading error with which a robot still drives in the right direction [deg]."""
@@ -70,7 +72,7 @@ def unmeasured_turn(team: Team, name: str, gone: float) -> float:
 @pytest.mark.slow
 @settings(max_examples=5)
 @given(
-    mission=st.sampled_from([BACK, turning_back(odometry_frame="start"), SEEN]),
+    mission=st.sampled_from([BACK, COUNTING, SEEN]),
     name=st.sampled_from(SIX.followers),
     begun=st.floats(13.0, 15.0),
     gone=st.sampled_from([0.05, 0.1, 0.5, 1.4, 5.4]),
@@ -282,7 +284,7 @@ def test_integral_is_restored_only_up_to_max_age(gone: float) -> None:
 
 @pytest.mark.slow
 def test_realignment_of_odometry_survives_agent_restart() -> None:
-    team = Team(turning_back(odometry_frame="start")).after(8.0)
+    team = Team(COUNTING).after(8.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
@@ -296,13 +298,79 @@ def test_realignment_of_odometry_survives_agent_restart() -> None:
 @pytest.mark.parametrize(("empty", "least", "most"), [(False, 0.0, 0.25), (True, 1.0, 100.0)])
 def test_position_after_odometry_reset_needs_saved_state(empty: bool, least: float, most: float) -> None:
     """Saved state gives the position at the last save; without it the robot counts as at its start."""
-    team = Team(turning_back(odometry_frame="start")).after(8.0)
+    team = Team(COUNTING).after(8.0)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)
     team.begin("robot3", empty=empty)
     team.run(6.0)
     assert least <= team.error() < most
+
+
+def switched_off(*, resets: bool) -> Team:
+    """A team whose robot3 was switched off on its way, its odometry too if it `resets`, and on again."""
+    team = Team(COUNTING).after(8.0)
+    team.lose("robot3", 1.0)
+    if resets:
+        reset_odometry(team.world._hosted["robot3"].plant)
+    team.begin("robot3", boot="another")
+    team.run(3.0)
+    return team
+
+
+def test_robot_switched_off_on_its_way_holds_until_run() -> None:
+    team = switched_off(resets=True)
+    for boot in ("another", "a third"):  # the hold outlives that too
+        decision = team.agents["robot3"].decision
+        assert decision.state is AgentState.HOLD
+        assert decision.reason.code in {Code.UNPLACED, Code.HELD_BEFORE_START}
+        assert team.last_command("robot3") == (0.0, 0.0)
+        team.replace("robot3", boot=boot)
+        team.run(3.0)
+    assert team.tell("robot3", "run").ok
+    team.run(0.5)
+    assert team.agents["robot3"].decision.state is AgentState.RUN
+
+
+def test_robot_whose_odometry_counts_on_runs_after_a_reboot() -> None:
+    team = switched_off(resets=False)
+    assert team.agents["robot3"].decision.state is AgentState.RUN
+    assert team.error() < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mission": "another"}, "it is of mission another"),
+        ({"mono": -100.0}, "which is more than 60 s"),
+        ({"here": {}}, "cannot be read"),
+    ],
+    ids=["mission", "old", "unreadable"],
+)
+def test_unused_state_after_odometry_reset_holds_the_robot(
+    change: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    team = Team(COUNTING).after(8.0)
+    team.lose("robot3", 1.0)
+    reset_odometry(team.world._hosted["robot3"].plant)
+    team.drawers["robot3"].change("state", **change)
+    assert words in start_messages(team, caplog)
+    decision = team.agents["robot3"].decision
+    assert (decision.state, decision.reason.code) == (AgentState.HOLD, Code.UNPLACED)
+
+
+@pytest.mark.slow
+def test_reboot_of_stopped_robot_leaves_a_hold_below_the_stop() -> None:
+    team = Team(COUNTING).after(8.0)
+    assert team.tell("robot3", "stop").ok
+    team.lose("robot3", 1.0)
+    reset_odometry(team.world._hosted["robot3"].plant)
+    team.begin("robot3", boot="another")
+    team.run(1.0)
+    assert team.agents["robot3"].decision.state is AgentState.STOP
+    assert team.tell("robot3", "release").ok
+    assert team.tell("robot3", "query").hold
 
 
 def test_voted_term_survives_restart() -> None:
