@@ -35,7 +35,7 @@ from formation.transport.runtime.process import clocks
 from tests.support import meddling
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
-from tests.support.recorded import Wire, verify
+from tests.support.recorded import Wire, all_alike, verify
 from tests.support.restarting import Team, driving, turning_back
 from tests.support.sensing import reset_odometry
 from tests.unit.agent.sudden import largest_command_change
@@ -330,6 +330,7 @@ def test_robot_switched_off_on_its_way_holds_until_run() -> None:
     assert team.tell("robot3", "run").ok
     team.run(0.5)
     assert team.agents["robot3"].decision.state is AgentState.RUN
+    assert all_alike(verify(COUNTING, team.record))
 
 
 def test_robot_whose_odometry_counts_on_runs_after_a_reboot() -> None:
