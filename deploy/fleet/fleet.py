@@ -169,7 +169,7 @@ def _bundle(path: Path) -> Bundle:
 
 def _address(text: str, bundles: Mapping[str, Bundle]) -> tuple[str, str]:
     robot, _, address = text.partition("=")
-    if robot not in bundles:
+    if robot not in bundles or not address:
         raise Refusal(f"--host {text!r}: must be ROBOT=ADDRESS with one of {', '.join(bundles)}")
     if not ADDRESS.fullmatch(address.strip("[]")):
         raise Refusal(f"--host {text!r}: {address!r} is no address; one would be 192.168.1.11")

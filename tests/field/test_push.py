@@ -228,6 +228,7 @@ def test_push_survives_login_output_and_reports_missing_python(
     ("words", "why"),
     [
         (["--host", "robot9=1.2.3.4"], "--host 'robot9=1.2.3.4': must be ROBOT=ADDRESS with one of robot1"),
+        (["--host", "robot1"], "--host 'robot1': must be ROBOT=ADDRESS with one of robot1"),
         (["--host", "robot1=-oProxyCommand=x"], "is no address"),
         (
             ["--host", "robot1=10.0.0.1", "--host", "robot1=10.0.0.2"],
