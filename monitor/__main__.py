@@ -133,12 +133,12 @@ def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Seque
 
 
 def _write_layout(path: Path, mission: Mission) -> None:
+    if path.exists():
+        raise BadInput(f"--foxglove-layout {path}: exists already")
     try:
         make_folder(path.parent)
         with path.open("x", encoding="utf-8") as file:
             file.write(layout.text(mission))
-    except FileExistsError:
-        raise BadInput(f"--foxglove-layout {path}: exists already") from None
     except OSError as error:
         raise BadInput(f"--foxglove-layout {path}: cannot be written: {error.strerror}") from None
 

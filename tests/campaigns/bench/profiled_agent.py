@@ -22,7 +22,7 @@ from formation.agent.process import Sides
 from formation.agent.safety import commander, failsafe
 from formation.control import pipeline
 from formation.control.laws import LAWS
-from formation.protocol import order
+from formation.protocol import json_message
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus
 from formation.wire import Now, Outgoing, Sample
@@ -80,10 +80,10 @@ class Profile:
 def install(profile: Profile) -> None:
     """Put the stopwatches in."""
     profile.replace(inbox, "decode", "decode")
-    profile.replace(order, "decode", "decode")
+    profile.replace(json_message, "decode", "decode")
     for module in (core, commander):
         profile.replace(module, "encode", lambda message: f"encode {type(message).__name__}")
-    profile.replace(order, "encode", "encode Order")
+    profile.replace(json_message, "encode", "encode Order")
     profile.replace(failsafe, "decide", "failsafe")
     profile.replace(Neighbourhood, "measured", "law")
     profile.replace(Localisation, "update_pose", "observer")

@@ -118,6 +118,9 @@ def test_layout_is_written_without_sdk_or_overwriting(tmp_path: Path) -> None:
     again = command("monitor", "six_robots", "--foxglove-layout", str(path))
     assert again.returncode == 2
     assert again.stderr == f"monitor: --foxglove-layout {path}: exists already\n"
-    nowhere = command("monitor", "six_robots", "--foxglove-layout", str(tmp_path / "no" / "layout.json"))
-    assert nowhere.returncode == 2
-    assert "cannot be written: No such file or directory" in nowhere.stderr
+    below = command("monitor", "six_robots", "--foxglove-layout", str(path / "layout.json"))
+    assert below.returncode == 2
+    assert below.stderr == f"monitor: --foxglove-layout {path}/layout.json: cannot be written: File exists\n"
+    new = tmp_path / "new" / "layout.json"
+    assert command("monitor", "six_robots", "--foxglove-layout", str(new)).returncode == 0
+    assert new.is_file()
