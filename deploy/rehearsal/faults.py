@@ -30,7 +30,7 @@ SECOND_RUN_TIME = 10.0
 """Time after the last fault at which an operator orders run again [s].
 
 A hold or a stop that arrives again or late is in force again: robots obey it whenever they receive it. The
-longest that a fault keeps a message is 8 s. And a robot whose saved state was lost may hold until run.
+longest that a fault keeps a message is 8 s. A robot without usable saved state may hold, too.
 """
 
 

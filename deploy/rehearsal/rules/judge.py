@@ -376,7 +376,7 @@ def _is_lost_by(fault: Fault, mission: Mission) -> bool:
 
 
 def _misplaced(faults: Sequence[Fault], mission: Mission) -> set[str]:
-    """Robots whose odometry began anew, while the agent that knew it lost its state."""
+    """Robots with odometry that began anew, while the agent that knew it lost its state."""
     begun_anew = {one.robot for one in faults if one.kind == "restart"}
     forgot = {one.robot for one in faults if one.kind in {"reset", *UNREADABLE}}
     return {name for name in begun_anew & forgot if mission.robots[name].odometry_frame == "start"}

@@ -333,7 +333,7 @@ def test_robot_switched_off_on_its_way_holds_until_run() -> None:
     assert all_alike(verify(COUNTING, team.record))
 
 
-def test_robot_whose_odometry_counts_on_runs_after_a_reboot() -> None:
+def test_robot_runs_after_a_reboot_if_odometry_counts_on() -> None:
     team = switched_off(resets=False)
     assert team.agents["robot3"].decision.state is AgentState.RUN
     assert team.error() < 0.05
