@@ -36,7 +36,7 @@ from formation.protocol.lateness import Trust, trusted
 from formation.protocol.order import Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Localised
-from formation.ros2.messages import MapPose, Odometry, Pose, Transforms, decode
+from formation.ros2.messages import WORLD_FRAME, MapPose, Odometry, Pose, Transforms, decode
 from formation.ros2.ros import MAX_POSITION
 from formation.topics import AMCL_POSE, TF
 from formation.wire import BadMessage, Handler, Now, Sample
@@ -45,8 +45,6 @@ START_HEADING_TIME = 1.0
 """Time under way after which a fleet no longer faces as its mission's start says [s]."""
 LEARNED_ESTIMATE_LENGTH = 0.5
 """Length of the estimate from which it counts as learned, and may contradict a measured heading."""
-MAP_FRAME = "map"
-"""Name of the world frame in transforms."""
 MAX_ESTIMATE_LENGTH = 1e100
 """Limit of an observer's estimate: the printed one's grows without bound while a robot reverses."""
 
@@ -268,7 +266,7 @@ class Localisation:
         """Place odometry by a localiser's pose. Raises BadMessage."""
         pose, last = decode(MapPose, sample.payload), self._source.state.last
         frame = pose.frame.removeprefix("/")
-        if isinstance(last, Odometry) and frame == last.frame.removeprefix("/") != MAP_FRAME:
+        if isinstance(last, Odometry) and frame == last.frame.removeprefix("/") != WORLD_FRAME:
             raise BadMessage(f"pose in the frame of odometry, {frame}: must be in the map's")
         if self.map_frame is not None:
             self._relocalised(self.map_frame.take_pose(pose))
@@ -279,7 +277,7 @@ class Localisation:
         if self.map_frame is not None and isinstance(self._source, OdometrySource):
             last = self._source.state.last
             if last is not None:
-                self._relocalised(self.map_frame.take_transforms(transforms, MAP_FRAME, last.frame))
+                self._relocalised(self.map_frame.take_transforms(transforms, WORLD_FRAME, last.frame))
 
     def trust_localiser(self) -> None:
         """Believe the localiser again, as `MapFrame.trust`: an order holds the robot."""

@@ -13,7 +13,7 @@ from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.protocol.request import OperatorRequest
-from formation.ros2.messages import Path, Pose, decode
+from formation.ros2.messages import WORLD_FRAME, Path, Pose, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits
 from formation.transport import asking
@@ -27,8 +27,6 @@ PERIOD_SECONDS = 0.1
 """Wait for messages, at most [s]."""
 MAX_WAYPOINTS = 300
 """Most points of a route; of a longer path every other is left out, as often as needed."""
-WORLD_FRAME = "map"
-"""The frame in which robots publish their positions."""
 SPEED_SHARE = 0.6
 """Speed on the route by default, as a share of the greatest that followers can follow."""
 EXAMPLES = """\

@@ -117,8 +117,8 @@ KINDS: Mapping[str, Kind] = {
 }
 DISTURBING = frozenset({*NETWORK, *PROCESSES})
 """Kinds of faults under which an operator's request may arrive after a newer one."""
-UNREADABLE = frozenset({"torn", "mixed"})
-"""Kinds of faults after which an agent cannot use the saved state of the one before it."""
+STATE_LOSING = frozenset({"torn", "mixed"})
+"""Kinds of faults after which a saved state is there that the restarted agent cannot use."""
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 
@@ -195,7 +195,7 @@ def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
                 fleet.engine.at(fault.since + fault.lasts, end)
     finite = [one for one in faults if one.lasts < math.inf]
     kinds = {one.kind for one in finite}
-    if kinds & UNREADABLE or (kinds & OPERATOR.keys() and kinds & DISTURBING):
+    if kinds & STATE_LOSING or (kinds & OPERATOR.keys() and kinds & DISTURBING):
         last = max(one.since + one.lasts for one in finite)
         fleet.engine.at(last + SECOND_RUN_TIME, operator.set_going)
 

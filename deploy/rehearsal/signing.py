@@ -115,9 +115,8 @@ class Insider:
         return _with_order_of(attachment, self._recorded or attachment)
 
     def _signature(self, forged: Order) -> str:
-        return self._own.sign(
-            order.statement(self._mission.fingerprint, json_message.encode(forged).decode())
-        )
+        text = json_message.encode(forged).decode()
+        return self._own.sign(order.statement(self._mission.fingerprint, text))
 
 
 class Replayer:
@@ -147,9 +146,9 @@ class Replayer:
 
 def _relayed(out: Outgoing, key: str) -> PositionAttachment | None:
     """The attachment with the order that `out` relays, if it is a position of this `key`."""
-    return (
-        json_message.decode(PositionAttachment, out.attachment) if out.key == key and out.attachment else None
-    )
+    if out.key != key or not out.attachment:
+        return None
+    return json_message.decode(PositionAttachment, out.attachment)
 
 
 def _with_order_of(attachment: PositionAttachment, old: PositionAttachment) -> PositionAttachment:

@@ -28,6 +28,7 @@ from formation.wire import BadMessage
 __all__ = [
     "MAX_PAYLOAD_BYTES",
     "NESTED",
+    "WORLD_FRAME",
     "BadMessage",
     "Diagnostics",
     "Displacement",
@@ -54,6 +55,8 @@ __all__ = [
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 """Greatest size of a payload that is read; an Odometry has 724 bytes."""
+WORLD_FRAME = "map"
+"""Name of the world frame in messages and transforms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ class Odometry(Message):
     """Forward [m/s]."""
     turn_rate: float
     """[rad/s]"""
-    frame: str = "map"
+    frame: str = WORLD_FRAME
     child_frame: str = "base_footprint"
 
     def _write(self, to: Writer) -> None:
@@ -148,7 +151,7 @@ class Pose(Message):
     stamp: float
     position: complex
     heading: complex
-    frame: str = "map"
+    frame: str = WORLD_FRAME
 
     def _write(self, to: Writer) -> None:
         ros.write_header(to, self.stamp, self.frame)
@@ -170,7 +173,7 @@ class Path(Message):
     stamp: float
     """[s, sender's system clock]"""
     positions: tuple[complex, ...]
-    frame: str = "map"
+    frame: str = WORLD_FRAME
 
     def _write(self, to: Writer) -> None:
         ros.write_header(to, self.stamp, self.frame)
@@ -206,7 +209,7 @@ class MapPose(Message):
     """Standard deviation of the position, in its worse axis [m]."""
     heading_deviation: float = 0.0
     """[rad]"""
-    frame: str = "map"
+    frame: str = WORLD_FRAME
 
     def _write(self, to: Writer) -> None:
         ros.write_header(to, self.stamp, self.frame)

@@ -27,10 +27,8 @@ class Answers:
         name = process.certified or ""
         if self._fleet.agents.get(name, (None, None))[1] is not process:
             return
-        request, reply = (
-            json_message.decode(OperatorRequest, data),
-            json_message.decode(OperatorReply, answer),
-        )
+        request = json_message.decode(OperatorRequest, data)
+        reply = json_message.decode(OperatorReply, answer)
         now, known = self._fleet.engine.now, (name, request.do, request.id)
         if known in self._known and not (request.do in RESTS and request.age == 0.0):
             return  # a repeated request gets the same answer, and changes nothing

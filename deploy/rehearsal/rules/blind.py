@@ -79,15 +79,16 @@ def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
     carried = {one.robot for one in faults if one.kind == "carried"}
     blind = [one for one in faults if one.kind in BLIND and one.robot not in carried]
     return [
-        Blind(one, max(_since(mission, one), _hidden_until(one, blind)), one.since + one.lasts)
+        Blind(one, max(_since(mission, one), _hidden_until(mission, one, blind)), one.since + one.lasts)
         for one in blind
     ]
 
 
-def _hidden_until(fault: Fault, others: Iterable[Fault]) -> float:
+def _hidden_until(mission: Mission, fault: Fault, others: Iterable[Fault]) -> float:
     """Return when earlier faults of its robot end, which are noticed instead of `fault` [s]."""
     earlier = [one for one in others if one.robot == fault.robot and one.since < fault.since]
-    return max((one.since + one.lasts for one in earlier), default=0.0)
+    judged = [one for one in earlier if _since(mission, one) < math.inf]
+    return max((one.since + one.lasts for one in judged), default=0.0)
 
 
 def _since(mission: Mission, fault: Fault) -> float:

@@ -50,7 +50,7 @@ from formation.agent.core import Agent
 from formation.agent.simulated.faults import LATE, STUCK, Fault
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
-from formation.deploy.rehearsal.faults import UNREADABLE
+from formation.deploy.rehearsal.faults import STATE_LOSING
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.answers import Answers
 from formation.deploy.rehearsal.rules.blind import BlindPaths
@@ -378,7 +378,7 @@ def _is_lost_by(fault: Fault, mission: Mission) -> bool:
 def _misplaced(faults: Sequence[Fault], mission: Mission) -> set[str]:
     """Robots with odometry that began anew, while the agent that knew it lost its state."""
     begun_anew = {one.robot for one in faults if one.kind == "restart"}
-    forgot = {one.robot for one in faults if one.kind in {"reset", *UNREADABLE}}
+    forgot = {one.robot for one in faults if one.kind in {"reset", *STATE_LOSING}}
     return {name for name in begun_anew & forgot if mission.robots[name].odometry_frame == "start"}
 
 

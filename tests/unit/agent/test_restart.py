@@ -308,7 +308,7 @@ def test_position_after_odometry_reset_needs_saved_state(empty: bool, least: flo
 
 
 def switched_off(*, resets: bool) -> Team:
-    """A team whose robot3 was switched off on its way, its odometry too if it `resets`, and on again."""
+    """A team in which robot3 was switched off while driving and on again; `resets`: its odometry as well."""
     team = Team(COUNTING).after(8.0)
     team.lose("robot3", 1.0)
     if resets:

@@ -117,6 +117,23 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
     assert verdict.settled_at > last + SECOND_RUN_TIME
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "signed", "loss", "texts"),
+    [
+        # odometry began anew, and the agent that knew it lost its state
+        (400098, True, 0.0, ("robot2:restart@6+3.6", "robot2:torn@20.4+9.4")),
+        # the position froze while it was late, which was noticed first
+        (300173, False, 0.1, ("robot2:stale=3.65@11.9+4.1", "robot2:tremble=0.000391@12.2+5.9")),
+    ],
+)
+def test_seeds_that_broke_a_rule_hold_every_rule(
+    seed: int, signed: bool, loss: float, texts: tuple[str, ...]
+) -> None:
+    plan = Plan(PAIR, weather=Weather(loss=loss), signed=signed)
+    assert run(plan, seed, faults(*texts, mission=PAIR)).violations == ()
+
+
 def test_stated_position_noise_does_not_break_hold_rule() -> None:
     noisy = PAIR.changed(
         simulated_robot=PAIR.simulated_robot.model_copy(update={"position_noise": 0.005}),
