@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib.font_manager  # noqa: F401 - its first import on a machine lists fonts with a process
 import pytest
 
 from formation.deploy.recordings import report
