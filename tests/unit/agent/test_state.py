@@ -32,6 +32,7 @@ from formation.ros2.messages import Odometry, decode
 from formation.ros2.messages import encode as encode_message
 from formation.topics import ODOM, POSE
 from formation.wire import Now, Outgoing, Sample
+from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.missions import with_robots
 
@@ -51,6 +52,8 @@ MISSIONS: dict[str, Mission] = {
     "external": with_robots("turtlebot3_pair", localisation="external", **STEPS),
     "external measured": with_robots("six_robots", localisation="external", heading="measured"),
 }
+
+QUICK = ("pair", "fallbacks", "start frame", "map", "seeing", "external")
 
 
 def dumped_by_json(agent: Agent) -> Any:
@@ -252,8 +255,9 @@ def outside_states(agent: Agent) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
-def test_run_changes_only_states_of_agent(mission: Mission) -> None:
+@pytest.mark.parametrize("kind", [*QUICK, *slow(*(one for one in MISSIONS if one not in QUICK))])
+def test_run_changes_only_states_of_agent(kind: str) -> None:
+    mission = MISSIONS[kind]
     fleet = Fleet(mission)
     fresh = {name: outside_states(agent) for name, agent in fleet.agents.items()}
     fleet.run(2.0)

@@ -39,7 +39,7 @@ def test_robots_follow_a_driven_leader(rehearsed_fleet: MakeRehearsed) -> None:
     assert fleet.position("robot1").real > 1.0
 
 
-@pytest.mark.parametrize("forward", [0.12, -0.08])
+@pytest.mark.parametrize("forward", [0.12, *slow(-0.08)])
 def test_all_robots_stand_soon_after_driver_lets_go(rehearsed_fleet: MakeRehearsed, forward: float) -> None:
     fleet = rehearsed_fleet("convoy", loss=0.05, delay=0.01)
     fleet.drive(forward, 0.05, seconds=4.0)

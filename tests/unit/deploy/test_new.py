@@ -31,7 +31,7 @@ def _in_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.parametrize("robots", SAMPLE)
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", ["turtlebot3_burger", *slow("paper")])
 def test_new_mission_passes_check_and_converges(shape: str, robots: int, profile: str) -> None:
     mission = made(shape, robots, profile)
     by_chance = simulate(mission, runs=5)
@@ -51,7 +51,7 @@ def test_printed_next_commands_work(shape: str, capsys: Capsys) -> None:
     assert "converged        100 of 100" in output_of(capsys, lines[1][1:])
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", ["paper", *slow("turtlebot3_burger")])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str) -> None:
     radius = PROFILES[profile].radius

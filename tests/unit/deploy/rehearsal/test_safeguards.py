@@ -24,6 +24,7 @@ from formation.protocol.stops import Result
 from formation.ros2.messages import Twist, encode
 from formation.wire import Outgoing
 from tests.campaigns.defects.plan import MISSIONS
+from tests.support.examples import slow
 from tests.support.missions import with_robots
 
 PAIR, SIX, PATROL, POSTS = map(load, ("turtlebot3_pair", "six_robots", "patrol", "posts"))
@@ -185,7 +186,11 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("defect", DEFECTS)
+FIRST = {rule: defect for defect, (_, _, rule, _) in reversed(DEFECTS.items())}.values()
+"""One defect for each rule; the others are slow tests."""
+
+
+@pytest.mark.parametrize("defect", [*FIRST, *slow(*(one for one in DEFECTS if one not in FIRST))])
 def test_rule_detects_defect_of_safeguard(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mission, faults, rule, changes = DEFECTS[defect]
     for name, instead in changes.items():
@@ -208,15 +213,17 @@ def test_every_rule_holds_without_the_defect(defect: str) -> None:
     ("mission", "faults"),
     [
         (TRIO, "robot1:kill@3+2 robot3:torn@6+1 robot1:stop@8+2 leader:kill@9+6"),
-        (PAIR, "robot1:freeze@3+1 robot2:repeat=0.12@5+2 robot1:hold@6+2 leader:kill@9+4"),
-        (AVOIDING, "robot1:full@3+4 robot1:stop@4+2 robot1:second@7+2 robot2:mixed@10+3"),
+        *slow(
+            (PAIR, "robot1:freeze@3+1 robot2:repeat=0.12@5+2 robot1:hold@6+2 leader:kill@9+4"),
+            (AVOIDING, "robot1:full@3+4 robot1:stop@4+2 robot1:second@7+2 robot2:mixed@10+3"),
+        ),
     ],
 )
 def test_every_rule_holds_with_one_fault_after_another(mission: Mission, faults: str) -> None:
     assert rehearsed(mission, faults).violations == ()
 
 
-@pytest.mark.parametrize(("mission", "seed"), [(TRIO, 0), (PAIR, 3)])
+@pytest.mark.parametrize(("mission", "seed"), [*slow((TRIO, 0)), (PAIR, 3)])
 def test_every_rule_holds_with_late_answers_to_a_wavering_operator(mission: Mission, seed: int) -> None:
     """A robot answers a repeated hold although it has obeyed the next run meanwhile."""
     faults = tuple(parse(one, mission) for one in ("robot2:waver@5+4", "robot2:loss=0.6@5+6"))
