@@ -47,6 +47,7 @@ def test_robots_starting_in_exchanged_slots_form_without_contact(air: dict[str, 
     assert fleet.error() < SIX.settled
 
 
+@pytest.mark.slow
 def test_robots_with_slow_ramp_pass_without_contact() -> None:
     assert least_gap(Fleet(changed(CROSSING, ramp=1.0)), 10.0) > 0.0
 

@@ -36,7 +36,6 @@ from formation.sensing.models import MODELS
 from formation.sensing.raycast import cast
 from tests.campaigns.perception.towers import errors as errors_of_towers
 from tests.support.drivers import BACKGROUND, DRIVERS, SAMPLES, TOWER, directions, distance_along, sent
-from tests.support.examples import slow
 from tests.support.fleet import at
 from tests.support.seeing import TRIANGLE, fleet_of, hexagon, shape_error
 
@@ -224,7 +223,8 @@ def test_sweep_follows_from_model_or_scan() -> None:
     assert Scanner(hexagon(robots=TRIANGLE), "robot7").sweep(scan) > 0.0
 
 
-@pytest.mark.parametrize("model", ["lds_01", *slow("lds_02", "rplidar_a1")])
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["lds_01", "lds_02", "rplidar_a1"])
 def test_simulated_robots_with_known_scanners_keep_shape(model: str) -> None:
     fleet = fleet_of(with_model(model)).after(12.0)
     assert {fleet.status(robot).sight for robot in ("robot3", "robot7")} == {Sight.LOCKED}

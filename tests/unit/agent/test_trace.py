@@ -193,6 +193,7 @@ def test_flood_becomes_gap_and_next_trace_has_steps(setting: Setting) -> None:
     assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, [], [True, True, False]]]
 
 
+@pytest.mark.slow
 def test_endless_flood_traces_state_once_per_second() -> None:
     setting = Setting()
     traced = 0

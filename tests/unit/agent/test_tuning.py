@@ -149,6 +149,7 @@ def test_restarted_agent_reaches_same_gains() -> None:
     assert fleet.status("robot4").k_p is None
 
 
+@pytest.mark.slow
 def test_gains_stay_in_force_after_takeover() -> None:
     fleet = Fleet(PATROL, seed=2).after(3.0)
     assert tune(fleet, k_p=3.0).ok

@@ -17,6 +17,7 @@ from formation.simulation.ensemble import Options
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
 from formation.stability.certificate import certificate, curve_errors
+from tests.support.examples import slow
 from tests.support.missions import with_robots
 from tests.unit.formation import scenarios
 from tests.unit.formation.scenarios import IDEAL, edge_errors
@@ -123,7 +124,7 @@ def test_leader_at_top_speed_is_refused() -> None:
         drawn(3, leader_speed=1.0)
 
 
-@pytest.mark.parametrize("share", [0.8, 0.95])
+@pytest.mark.parametrize("share", [*slow(0.8), 0.95])
 def test_all_runs_converge_behind_fast_leader(share: float) -> None:
     route = [{"speed": share * SIX.robots["robot2"].max_speed, "heading_deg": 30.0}]
     changed = {"route": route, "collisions": {"mode": "off", "lag": 0.0}}
@@ -139,7 +140,7 @@ def test_all_runs_converge_with_slow_ramp(name: str, ramp: float) -> None:
 
 
 def test_all_runs_converge_with_short_control_point_offset() -> None:
-    slow = {"control_point_offset": 0.05, "max_speed": 1.0, "max_turn_rate": 2.0, "ramp": 1.0}
+    robot = {"control_point_offset": 0.05, "max_speed": 1.0, "max_turn_rate": 2.0, "ramp": 1.0}
     route = {"speed": 0.7, "heading_deg": 0.0}
-    mission = scenarios.build(np.array([0.0, -0.8, -1.6]), [[], [0], [1]], route, robot=slow)
+    mission = scenarios.build(np.array([0.0, -0.8, -1.6]), [[], [0], [1]], route, robot=robot)
     assert simulate(mission, runs=40, horizon=40.0, step=0.05, spread=1.0).converged.all()

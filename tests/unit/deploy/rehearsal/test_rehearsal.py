@@ -55,6 +55,7 @@ def test_every_rule_holds_without_faults(name: str) -> None:
     assert verdict.nearest > 0.0
 
 
+@pytest.mark.slow
 def test_odometry_drift_does_not_break_formation_rule() -> None:
     drifting = PAIR.simulated_robot.model_copy(update={"drift": 0.1})
     verdict = run(Plan(PAIR.model_copy(update={"simulated_robot": drifting})), 0, ())
@@ -102,11 +103,12 @@ def test_formation_rule_is_not_judged_after_endless_fault(monkeypatch: pytest.Mo
     assert not breaks(rehearsed("leader:kill@3", mission=PAIR), "formation")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "texts",
     [
         ("robot1:stop@22.5+7.5", "leader:reset@25+6.2"),  # the stop reaches the leader after its release
-        pytest.param(("robot1:waver@18.3+5.5", "robot2:again=2.6@18.5+6.4"), marks=pytest.mark.slow),
+        ("robot1:waver@18.3+5.5", "robot2:again=2.6@18.5+6.4"),
     ],
 )
 def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str, ...]) -> None:
@@ -181,11 +183,12 @@ def test_operator_request_is_answered_beside_and_after_second_agent() -> None:
 LOCAL = read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mission", "fault", "reason"),
     [
         pytest.param(LOCAL, "robot3:relative_late=1@6+4", "sensor", id="relative"),
-        pytest.param("posts", "robot3:scan_late=1@6+4", "scan", id="scan", marks=pytest.mark.slow),
+        pytest.param("posts", "robot3:scan_late=1@6+4", "scan", id="scan"),
     ],
 )
 def test_robot_holds_while_a_sensor_is_late(

@@ -79,6 +79,7 @@ def test_view_ends_after_formation_or_at_given_time(run: Run) -> None:
     assert View.of([run], 3.0).until == 3.0
 
 
+@pytest.mark.slow
 def test_compared_runs_have_the_same_axes(run: Run, tmp_path: Path) -> None:
     far = run_of(tmp_path, talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
     view = View.of([run, far])
@@ -99,6 +100,7 @@ def test_svg_of_six_robots_contains_no_raster_image(run: Run) -> None:
     assert len(drawing.looks(100)) == 100
 
 
+@pytest.mark.slow
 def test_figure_with_silent_period_is_written(tmp_path: Path) -> None:
     run = run_of(tmp_path, [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0])
     panel = next(one for one in parts.PANELS if one.name == "forward_speeds")
