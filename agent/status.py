@@ -72,6 +72,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         unsigned=agent.orders.unsigned(now),
         leaderless=not around.guides and around.leaderless(now),
         motion=state.motion.doubt,
+        probe_blocked=state.probe.blocked,
         frozen=state.wakefulness.pause,
         finite=state.finite,
         rival=now.mono - state.rival <= max(RIVAL_HOLD_TIME, here.stream.limit),

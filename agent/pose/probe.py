@@ -37,6 +37,8 @@ AVERAGING_TIME = 0.5
 """Time over which measurements are averaged [s]."""
 MAX_PROBE_TIME = 4.0
 """Longest duration of a probe [s]: the collision filter may leave it no room."""
+MIN_MOVED_SHARE = 0.5
+"""Share of a probe that was commanded, below which it had no room."""
 SEEN_DEVIATIONS = 4.0
 """Number of standard errors from which a probe counts as seen."""
 MAX_LATER_SHARE = 0.2
@@ -149,6 +151,8 @@ class ProbeState:
     """Signed path length [m] and turn [rad] of the model when the probe began."""
     expected: tuple[float, float] = 0.0, 0.0
     """Signed path length [m] and turn [rad] of the probe."""
+    blocked: bool = False
+    """Whether the newest probe had no room: the collision filter or the protective zones stopped it."""
 
 
 class Probe:
@@ -169,11 +173,11 @@ class Probe:
     def rearm(self) -> None:
         """Start with the first probe: the robot was seen to move, or an operator has checked it."""
         if self.state.tries:
-            self.state.tries, self.state.phase = 0, Phase.OFF
+            self.state.tries, self.state.phase, self.state.blocked = 0, Phase.OFF, False
 
     def begin(self) -> None:
         """Start the next wait anew: the robot's motion is doubted from now on."""
-        self.state.phase = Phase.OFF
+        self.state.phase, self.state.blocked = Phase.OFF, False
 
     def interrupt(self) -> None:
         """End the probe: the robot may not move. A wait goes on; it is over if only measuring was cut off."""
@@ -230,7 +234,9 @@ class Probe:
                 if turns
                 else abs(model.ahead - state.began[0]) / LENGTH
             )
-            if done >= PROBE_LENGTH_RATIO ** (state.tries - 1) or over >= MAX_PROBE_TIME:
+            enough = PROBE_LENGTH_RATIO ** (state.tries - 1)
+            if done >= enough or over >= MAX_PROBE_TIME:
+                state.blocked = done < MIN_MOVED_SHARE * enough
                 state.expected = model.ahead - state.began[0], model.turn - state.began[1]
                 self._enter(Phase.SETTLES, moment)
         elif state.phase is Phase.SETTLES and over >= self._settling:

@@ -90,6 +90,8 @@ class Facts(NamedTuple):
     """Time for which this process was frozen, until enough has been received since [s]; 0 if it was not."""
     motion: Disagreement | None = None
     """How the robot's motion differs from its commands."""
+    probe_blocked: bool = False
+    """Whether it had no room for its newest probe."""
     rival: bool = False
     """Whether another agent commands this robot."""
     mission: str = ""
@@ -168,7 +170,7 @@ def _motion(facts: Facts) -> Reason:
     if facts.motion is None:
         raise ValueError("this row does not apply")
     kind, expected, seen, over = facts.motion
-    return Reason.of(
+    reason = Reason.of(
         _FAULTS[kind],
         source=facts.source,
         sensor=_SENSORS[facts.source],
@@ -178,6 +180,7 @@ def _motion(facts: Facts) -> Reason:
         least=MIN_MOTION_SHARE * expected,
         unit="rad" if kind in {MotionFault.TURN, MotionFault.TURNED} else "m",
     )
+    return Reason.of(Code.PROBE_BLOCKED, detail=str(reason)) if facts.probe_blocked else reason
 
 
 def _too_old(facts: Facts) -> Reason:

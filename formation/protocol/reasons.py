@@ -92,6 +92,7 @@ class Code(StrEnum):
     MOTION_CARRIED = "motion_carried"
     MOTION_TURNED = "motion_turned"
     MOTION_LATE = "motion_late"
+    PROBE_BLOCKED = "probe_blocked"
     # about others
     OTHER_MISSION = "other_mission"
     UNKNOWN_MISSION = "unknown_mission"
@@ -196,6 +197,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {duration:.1f} s, turned {seen:.2f} rad; was the robot turned by hand, or is another one seen?",
         Code.MOTION_LATE: "{source} shows what was commanded {seen:.1f} s later, whatever its stamps say;"
         " limit {expected:.2f} s; check what publishes it: it must stamp when it measures",
+        Code.PROBE_BLOCKED: "no room to probe whether it moves as commanded: move the robot away from what it"
+        " stands beside, then order hold and run; {detail}",
         Code.OTHER_MISSION: "{robot} runs mission {theirs}, " + _MIXED,
         Code.UNKNOWN_MISSION: "{robot} runs an unknown mission, " + _MIXED,
         Code.UNANSWERED: "positions are late or stamped by a wrong clock, and do not answer:"

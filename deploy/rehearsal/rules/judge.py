@@ -59,7 +59,7 @@ from formation.deploy.rehearsal.rules.commands import Commands
 from formation.deploy.rehearsal.rules.following import Following
 from formation.deploy.rehearsal.rules.leading import Leading, Voting
 from formation.deploy.rehearsal.rules.naming import Naming
-from formation.deploy.rehearsal.rules.places import Places
+from formation.deploy.rehearsal.rules.places import Places, room
 from formation.deploy.rehearsal.rules.received import Received, attachment_of
 from formation.deploy.rehearsal.rules.recorded import wrong
 from formation.deploy.rehearsal.rules.restarts import Restarts
@@ -153,6 +153,7 @@ class Judge:
         self._commands = Commands(fleet, faults, self._tell)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
         self._lost = {one.robot for one in faults if _is_lost_by(one, mission)} | _misplaced(faults, mission)
+        self._carried = {one.robot for one in faults if one.kind == "carried"}
         self._can_settle = not slipping and not self._lost
         self._drift = Body.of(mission.simulated_robot).drift
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
@@ -304,11 +305,15 @@ class Judge:
             self._tell("leaders", "", " and ".join(leaders))
 
     def _is_settled(self) -> bool:
-        agents = [agent for agent, _ in self._fleet.agents.values() if not self._asks_to_be_placed(agent)]
+        every = [agent for agent, _ in self._fleet.agents.values()]
+        cramped = [agent for agent in every if self._asks_for_room(agent)]
+        agents = [agent for agent in every if agent not in cramped and not self._asks_to_be_placed(agent)]
         runs = all(agent.decision.state is AgentState.RUN for agent in agents)
         back = not any(agent.state.availability.published for agent in agents)
         return (runs and back) and (
-            not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges()
+            bool(cramped)
+            or not self._can_settle
+            or self._fleet.error() <= self._mission.settled + self._drifted_edges()
         )
 
     def _asks_to_be_placed(self, agent: Agent) -> bool:
@@ -316,6 +321,13 @@ class Judge:
         decision = agent.decision
         holds = decision.state is AgentState.HOLD and decision.reason.code in UNPLACED
         return holds and agent.robot in self._lost
+
+    def _asks_for_room(self, agent: Agent) -> bool:
+        """Whether a robot that was carried beside a wall or a post holds: a person must move it away."""
+        if agent.decision.reason.code is not Code.PROBE_BLOCKED or agent.robot not in self._carried:
+            return False
+        spec, (world, _) = self._mission.robots[agent.robot], self._fleet.robots[agent.robot]
+        return room(self._mission, world.plant(agent.robot).position) < spec.radius + spec.margin
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()

@@ -35,8 +35,9 @@ class Places:
         self._seeing = [name for name in mission.followers if mission.robots[name].scanner != "none"]
         self._orphaned: dict[str, float] = {}  # since when each robot has a watchdog and no agent [s]
         self._at: dict[str, complex] = {}  # newest true position [m]
-        self._leads: tuple[str, int] = "", 0  # the leader at the newest check, its term,
-        self._led: complex | None = None  # and from where; None if the fleet was to run [m]
+        # the leader at the newest check, its term, ids of the stop and the hold in force: new after a run,
+        self._leads: tuple[str, int, str, str] = "", 0, "", ""
+        self._led: complex | None = None  # and where it was; None if the fleet was to run [m]
 
     def look(self, discs: Discs, *, touches: bool) -> None:
         """Check the robots at `discs`; `touches`: what they see must not be touched."""
@@ -52,7 +53,8 @@ class Places:
 
     def _check_leader(self) -> None:
         leader = self._fleet.leading
-        now_leads, before, self._led = (leader.name, leader.term), self._led, None
+        rest, before, self._led = leader.plan.team_mode.rest, self._led, None
+        now_leads = leader.name, leader.term, rest.stop, rest.hold
         _, process = self._fleet.candidates.get(leader.name, (leader, None))
         if process is not None and process.runs and leader.leads and leader.mode != "run":
             self._led = leader.where(UPTIME + self._fleet.engine.now)

@@ -77,6 +77,7 @@ ADVICE: Mapping[Code, str] = {
     Code.MOTION_CARRIED: HAND,
     Code.MOTION_TURNED: HAND,
     Code.MOTION_LATE: "Have the driver stamp when it measures, and find what delays it.",
+    Code.PROBE_BLOCKED: "Move the robot away from what it stands beside, then `hold` and `run`.",
     Code.OTHER_MISSION: MISSIONS,
     Code.UNKNOWN_MISSION: MISSIONS,
     Code.UNANSWERED: "Check the network between the robots, and the clocks (chrony).",

@@ -54,6 +54,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
     ({"motion": Disagreement(MotionFault.FROZEN, 0.52, 0.0, 0.8)}, "commanded 0.52 m in 0.8 s"),
     ({"motion": Disagreement(MotionFault.TURN, 0.5, 0.0, 0.8)}, "turned 0.00 rad"),
     ({"motion": Disagreement(MotionFault.SPEEDS, 0.1, -0.1, 0.8)}, "its speeds say -0.10 m"),
+    ({"motion": Disagreement(MotionFault.SPEEDS, 0.1, -0.1, 0.8), "probe_blocked": True}, "no room to probe"),
     ({"motion": Disagreement(MotionFault.CARRIED, 0.0, 0.1, 0.8)}, "moved without command"),
     ({"motion": Disagreement(MotionFault.TURNED, 0.0, 0.5, 0.8)}, "turned without command"),
     ({"scan_silence": 0.7, "scan_limit": 0.6}, "range scan silent for 0.70 s"),

@@ -20,12 +20,14 @@ from formation.deploy.rehearsal.rules.judge import RULES
 from formation.deploy.rehearse import main
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load, read
+from formation.mission.model import Mission
 from tests.campaigns.defects.plan import MISSIONS
 from tests.support.examples import slow
 from tests.unit.deploy.commands import Capsys
 
 SIX, PATROL, PAIR = load("six_robots"), load("patrol"), load("turtlebot3_pair")
 MEASURED, POSTS = load(MISSIONS / "measured.toml"), load("posts")
+LOSSY: dict[str, Any] = {"weather": Weather(loss=0.1)}
 WITH_SENSOR = {
     "restart": (PAIR, "robot1"),
     **{f"relative_{how}": (MEASURED, "robot3") for how in ("frozen", "late")},
@@ -121,19 +123,23 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seed", "signed", "loss", "texts"),
+    ("mission", "seed", "plan", "texts"),
     [
         # odometry began anew, and the agent that knew it lost its state
-        (400098, True, 0.0, ("robot2:restart@6+3.6", "robot2:torn@20.4+9.4")),
+        (PAIR, 400098, {"signed": True}, "robot2:restart@6+3.6 robot2:torn@20.4+9.4"),
         # the position froze while it was late, which was noticed first
-        (300173, False, 0.1, ("robot2:stale=3.65@11.9+4.1", "robot2:tremble=0.000391@12.2+5.9")),
+        (PAIR, 300173, LOSSY, "robot2:stale=3.65@11.9+4.1 robot2:tremble=0.000391@12.2+5.9"),
+        # carried to a wall, where no probe has room
+        (POSTS, 1000070, LOSSY, "robot2:carried=0.219@22.6+4.6"),
+        # a run and a hold within two milliseconds
+        (PATROL, 1000251, {}, "robot3:hold@18+6.9 reserve:waver@24.6+5.2"),
     ],
 )
 def test_seeds_that_broke_a_rule_hold_every_rule(
-    seed: int, signed: bool, loss: float, texts: tuple[str, ...]
+    mission: Mission, seed: int, plan: dict[str, Any], texts: str
 ) -> None:
-    plan = Plan(PAIR, weather=Weather(loss=loss), signed=signed)
-    assert run(plan, seed, faults(*texts, mission=PAIR)).violations == ()
+    verdict = run(Plan(mission, **plan), seed, faults(*texts.split(), mission=mission))
+    assert verdict.violations == ()
 
 
 def test_stated_position_noise_does_not_break_hold_rule() -> None:

@@ -1,0 +1,46 @@
+"""Probes: small motions of a robot that does not move as commanded."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.agent.pose.motion_check import Disagreement
+from formation.agent.pose.motion_model import Modelled
+from formation.agent.pose.probe import MAX_PROBE_TIME, Probe
+from formation.control.controller import Limits
+from formation.control.unicycle import AT_REST, Command
+from formation.protocol.status import MotionFault
+
+DOUBT = Disagreement(MotionFault.SPEEDS, 0.1, 0.0, 0.4)
+WANTED = Command(0.2, 0.0)
+PERIOD = 0.05
+
+
+def stepped(probe: Probe, begin: float, seconds: float, *, room: bool) -> float:
+    """Step the probe; with `room` the robot drives as commanded. Return the path that it asked for [m]."""
+    ahead = path = 0.0
+    for step in range(round(seconds / PERIOD)):
+        moment = begin + step * PERIOD
+        model = Modelled(moment, ahead + 0j, 1.0 + 0j, ahead, 0.0, abs(ahead), 0.0)
+        probe.verdict(moment, DOUBT, 1.0, speeds=False)
+        command = probe.step(moment, DOUBT, model, WANTED)
+        path += PERIOD * command.speed
+        ahead += PERIOD * command.speed if room else 0.0
+    return path
+
+
+@pytest.mark.parametrize("room", [True, False])
+def test_probe_without_room_counts_as_blocked(*, room: bool) -> None:
+    probe = Probe(Limits(offset=0.1, max_speed=0.6, max_turn_rate=2.0), AT_REST, 0.4)
+    assert stepped(probe, 0.0, 2.0 + MAX_PROBE_TIME, room=room) > 0.0
+    assert probe.state.blocked is not room
+
+
+def test_probe_with_room_and_rearming_end_the_blockage() -> None:
+    probe = Probe(Limits(offset=0.1, max_speed=0.6, max_turn_rate=2.0), AT_REST, 0.4)
+    blocked = []
+    for begin, seconds, room in ((0.0, 7.0, False), (7.0, 8.0, True), (15.0, 20.0, False)):
+        stepped(probe, begin, seconds, room=room)
+        blocked.append(probe.state.blocked)
+    probe.rearm()
+    assert [*blocked, probe.state.blocked] == [True, False, True, False]
