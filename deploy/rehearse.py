@@ -20,7 +20,8 @@ from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, spelled
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
-from formation.deploy.rehearsal.rules.judge import RECOVERY_TIME, RULES
+from formation.deploy.rehearsal.rules.judge import RULES
+from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar
 from formation.deploy.terminal.units import metres

@@ -14,7 +14,8 @@ from formation.deploy.rehearsal.engine import EPOCH
 from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.operator import Operator
-from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, RECOVERY_TIME, Judge, Violation
+from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
+from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.process import STOP_TIMEOUT_SECONDS

@@ -29,13 +29,7 @@
 | steps | rounding to a robot's steps adds up to no more than one and a half steps |
 | bounds | without faults of sensors every robot stays within the mission's bounds |
 | formation | after the last fault all robots run, none is unavailable, and the formation settles in time |
-
-That time is `RECOVERY_TIME`; without faults and obstacles four times what the longest way at top speed takes.
-
-Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from the
-start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only that all
-robots run again, but for that one if its scans contradict its odometry. Where it drifts, touches are judged
-while that is less than the filter's room, and the formation by so much less strictly.
+| record | an ended recording has every message that its monitor read or published |
 """
 
 from __future__ import annotations
@@ -46,11 +40,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from formation.agent.core import Agent
-from formation.agent.simulated.faults import LATE, STUCK, Fault
-from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
+from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
-from formation.deploy.rehearsal.faults import STATE_LOSING
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rules.answers import Answers
 from formation.deploy.rehearsal.rules.blind import BlindPaths
@@ -59,17 +50,15 @@ from formation.deploy.rehearsal.rules.commands import Commands
 from formation.deploy.rehearsal.rules.following import Following
 from formation.deploy.rehearsal.rules.leading import Leading, Voting
 from formation.deploy.rehearsal.rules.naming import Naming
-from formation.deploy.rehearsal.rules.places import Places, room
+from formation.deploy.rehearsal.rules.places import Places
 from formation.deploy.rehearsal.rules.received import Received, attachment_of
 from formation.deploy.rehearsal.rules.recorded import wrong
 from formation.deploy.rehearsal.rules.restarts import Restarts
-from formation.mission.model import Mission
+from formation.deploy.rehearsal.rules.settling import Settling
 from formation.monitor.recording.recorder import Recorder
-from formation.protocol.reasons import Code
 from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.simulation.body import Body
-from formation.slots.shape import PlacedShape
 from formation.topics import POSITION
 from formation.wire import Outgoing
 
@@ -103,12 +92,6 @@ RULES = (
     "formation",
     "record",
 )
-UNPLACED = (Code.SIGHT_CONTRADICTED, Code.SIGHT_SEARCHING, Code.SIGHT_LOST)
-"""Reasons of a robot that holds until it finds its neighbours, or a person places it."""
-RECOVERY_TIME = 60.0
-"""Time after the last fault within which the formation must settle [s]."""
-MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
-"""Without faults: at least this time [s], and by how much longer than the longest way at top speed takes."""
 MIXED_TIME = 2.0
 """Time after which a robot that receives one of another mission must stand [s]."""
 LOOK_PERIOD = 0.05
@@ -137,30 +120,24 @@ class Judge:
         """The first of each rule and robot."""
         self.nearest = math.inf
         """Least distance between two bodies [m]."""
-        self.settled_at: float | None = None
-        """When the formation settled after the last fault [s]."""
         mission = fleet.mission
         self._fleet, self._mission = fleet, mission
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
-        free = fleet.air.undisturbed and not (mission.simulation.posts or mission.simulation.walls)
-        self._settling_time = _settling_time(mission) if free else RECOVERY_TIME
         self._only_mixed = {one.kind for one in faults} == {"mixed"}
         self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
         self._blind = BlindPaths(fleet, faults, self._tell)
         self._commands = Commands(fleet, faults, self._tell)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
-        self._lost = {one.robot for one in faults if _is_lost_by(one, mission)} | _misplaced(faults, mission)
-        self._carried = {one.robot for one in faults if one.kind == "carried"}
-        self._can_settle = not slipping and not self._lost
         self._drift = Body.of(mission.simulated_robot).drift
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
         in_time = max_delay <= mission.collisions.delay
         self._sees_truly = truthful and in_time and not slipping
         self._no_touch = filtered and self._sees_truly
         self._places = Places(fleet, faults, self._tell)
+        self._settling = Settling(fleet, faults, self._drifted, self._tell)
         received = Received(fleet)
         self._leading = Leading(fleet, received, faults, self._tell)
         self._looks: tuple[Callable[[], None], ...] = (
@@ -184,6 +161,11 @@ class Judge:
         return {one.rule for one in self.violations}
 
     @property
+    def settled_at(self) -> float | None:
+        """When the formation settled after the last fault [s]."""
+        return self._settling.at
+
+    @property
     def blind_path(self) -> float:
         """Longest path of a robot with a frozen or late position [m]."""
         return self._blind.longest
@@ -191,6 +173,7 @@ class Judge:
     def expect(self, kind: str) -> None:
         """Take into account a fault of this kind, or an order, that happens from now on."""
         self._faultless = False
+        self._settling.disturbed()
         self._leading.disturbed()
         self._sees_truly = self._sees_truly and kind in TOUCH_PROMISED
         self._no_touch = self._no_touch and self._sees_truly
@@ -215,14 +198,7 @@ class Judge:
 
     def look_settled(self, since: float) -> bool:
         """Whether the formation has settled; `since` is when the last fault ended [s]."""
-        if self.settled_at is None and self._is_settled():
-            self.settled_at = self._fleet.engine.now
-        limit = self._settling_time if self._faultless else RECOVERY_TIME
-        if self.settled_at is None and self._fleet.engine.now > since + limit:
-            error = self._fleet.error()
-            why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
-            self._tell("formation", "", f"error {error:.3f} m after {limit:.0f} s; {why}")
-        return self.settled_at is not None
+        return self._settling.look(since)
 
     def look_recorded(self, recorder: Recorder) -> None:
         """Check that an ended recording has every message that its monitor read or published.
@@ -304,31 +280,6 @@ class Judge:
         if len(leaders) > 1:
             self._tell("leaders", "", " and ".join(leaders))
 
-    def _is_settled(self) -> bool:
-        every = [agent for agent, _ in self._fleet.agents.values()]
-        cramped = [agent for agent in every if self._asks_for_room(agent)]
-        agents = [agent for agent in every if agent not in cramped and not self._asks_to_be_placed(agent)]
-        runs = all(agent.decision.state is AgentState.RUN for agent in agents)
-        back = not any(agent.state.availability.published for agent in agents)
-        return (runs and back) and (
-            bool(cramped)
-            or not self._can_settle
-            or self._fleet.error() <= self._mission.settled + self._drifted_edges()
-        )
-
-    def _asks_to_be_placed(self, agent: Agent) -> bool:
-        """Whether a robot with wrong odometry holds because its scans contradict that: a person must help."""
-        decision = agent.decision
-        holds = decision.state is AgentState.HOLD and decision.reason.code in UNPLACED
-        return holds and agent.robot in self._lost
-
-    def _asks_for_room(self, agent: Agent) -> bool:
-        """Whether a robot that was carried beside a wall or a post holds: a person must move it away."""
-        if agent.decision.reason.code is not Code.PROBE_BLOCKED or agent.robot not in self._carried:
-            return False
-        spec, (world, _) = self._mission.robots[agent.robot], self._fleet.robots[agent.robot]
-        return room(self._mission, world.plant(agent.robot).position) < spec.radius + spec.margin
-
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
         self._places.look(discs, touches=self._sees_truly)
@@ -354,46 +305,6 @@ class Judge:
             else 0.0
         )
 
-    def _drifted_edges(self) -> float:
-        """By how much drift may add to the formation error, summed over all edges [m]."""
-        return sum(
-            self._drifted(name) + self._drifted(other)
-            for name, spec in self._mission.robots.items()
-            for other in spec.neighbours
-        )
-
     def _tell(self, rule: str, robot: str, what: str) -> None:
         if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
             self.violations.append(Violation(rule, self._fleet.engine.now, robot, what))
-
-
-def _settling_time(mission: Mission) -> float:
-    """Time in which the formation settles without any fault [s], from the longest way of a robot."""
-    shape, leader = PlacedShape(((mission.first_shape, 1.0),), 0.0, 1.0), mission.robots[mission.leader].start
-    longest = max(
-        abs(spec.start.position - leader.position - shape.slot(mission, name)) / spec.max_speed
-        for name, spec in ((name, mission.robots[name]) for name in mission.followers)
-    )
-    return min(RECOVERY_TIME, max(MIN_SETTLING_TIME, SETTLING_FACTOR * longest))
-
-
-def _is_lost_by(fault: Fault, mission: Mission) -> bool:
-    """Whether a robot's odometry, its only source, is wrong after `fault` in the frame that it counts in."""
-    spec = mission.robots.get(fault.robot)
-    if spec is not None and fault.kind == "restart":
-        return spec.localisation == "odometry" and spec.odometry_frame == "world"
-    if spec is None or fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
-        return False
-    return spec.localisation == "odometry" and spec.odometry_frame == "start"
-
-
-def _misplaced(faults: Sequence[Fault], mission: Mission) -> set[str]:
-    """Robots with odometry that began anew, while the agent that knew it lost its state."""
-    begun_anew = {one.robot for one in faults if one.kind == "restart"}
-    forgot = {one.robot for one in faults if one.kind in {"reset", *STATE_LOSING}}
-    return {name for name in begun_anew & forgot if mission.robots[name].odometry_frame == "start"}
-
-
-def _state(fleet: Fleet, name: str) -> str:
-    decision = fleet.agents[name][0].decision
-    return f"{decision.state}, {decision.reason}"

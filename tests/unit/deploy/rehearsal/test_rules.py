@@ -9,7 +9,7 @@ import pytest
 from formation.agent.core import Agent
 from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.bridges import Restarted
-from formation.deploy.rehearsal.rules import judge, places
+from formation.deploy.rehearsal.rules import places, settling
 from formation.deploy.rehearsal.rules.places import room
 from formation.deploy.rehearsal.rules.received import Newest, OrdersReceived
 from formation.leader.candidacy import Candidacy
@@ -65,7 +65,7 @@ def test_exception_rule_names_process_and_error(monkeypatch: pytest.MonkeyPatch)
 def test_formation_rule_detects_unsettled_formation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
     monkeypatch.setattr(rehearsal, "RECOVERY_TIME", 2.0)
-    monkeypatch.setattr(judge, "RECOVERY_TIME", 2.0)
+    monkeypatch.setattr(settling, "RECOVERY_TIME", 2.0)
     found = rehearsed(PAIR.changed(settled=-1.0), "robot2:full@1+1").violations
     (violation,) = [one for one in found if one.rule == "formation"]
     assert "robot2: " in violation.what

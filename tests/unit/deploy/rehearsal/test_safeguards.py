@@ -99,7 +99,7 @@ def commanding(command: Command) -> dict[str, Any]:
 IMPATIENT = {
     "deploy.rehearsal.rehearsal.START_TIME": 5.0,
     "deploy.rehearsal.rehearsal.RECOVERY_TIME": 5.0,
-    "deploy.rehearsal.rules.judge.RECOVERY_TIME": 5.0,
+    "deploy.rehearsal.rules.settling.RECOVERY_TIME": 5.0,
 }
 DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
     "follows a silent robot": (TRIO, "robot1:kill@3+2", "follow",
