@@ -79,6 +79,20 @@ class Avoiding:
         sight = None if self.scanner is None else self.scanner.sight(strangers, now)
         return [] if self.mode == "off" else [*obstacles.values(), *self._seen(strangers)], sight
 
+    def beside(
+        self, here: Localisation, around: Neighbourhood, now: Now
+    ) -> tuple[list[Obstacle], Sight | None]:
+        """Return the same for a probe: what the scan shows limits it only by the protective zones.
+
+        Inside its margin a robot may drive neither way past a wall or a post. For the few millimetres of a
+        probe it is enough that it hardly comes nearer to anything.
+        """
+        known = self._known(around)
+        obstacles = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
+        strangers = self._strangers(obstacles, known, now)
+        sight = None if self.scanner is None else self.scanner.sight_beside(strangers, now)
+        return [] if self.mode == "off" else list(obstacles.values()), sight
+
     def expect(self, here: Localisation, around: Neighbourhood, now: Now) -> None:
         """Tell the scanner how far away the robots are that it should show."""
         if self.scanner is None:

@@ -390,6 +390,8 @@ class Agent:
         trial = self._tried(now, wanted.target)
         if trial == AT_REST:
             return self._at_rest(now)
+        obstacles, sight = self.avoiding.beside(self.here, self.neighbours, now)
+        inputs = inputs._replace(sight=sight)
         return self._driven(now, *slowed(state, trial, inputs, obstacles, self._params))
 
     def _driven(self, now: Now, state: ControlState, outcome: Outcome) -> list[Outgoing]:

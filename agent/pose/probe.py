@@ -211,7 +211,10 @@ class Probe:
             state.motion.add(moment, state.at, state.facing, model.ahead, model.turn)
 
     def step(self, moment: float, doubt: Disagreement, model: Modelled, wanted: Command) -> Command:
-        """Continue at `moment` [s, monotonic]; return the command, in the law's direction."""
+        """Continue at `moment` [s, monotonic]; return the command, in the law's direction.
+
+        After a probe that had no room the next one goes the other way.
+        """
         state = self.state
         over = moment - state.since
         turns = doubt.kind in TURNS
@@ -224,7 +227,8 @@ class Probe:
             self._look(moment)
         elif state.phase is Phase.BEFORE and over >= AVERAGING_TIME:
             wish = wanted.turn_rate if turns else wanted.speed
-            state.direction = -1.0 if wish < 0.0 else 1.0
+            forward = -1.0 if wish < 0.0 else 1.0
+            state.direction = -state.direction if state.blocked else forward
             state.began = model.ahead, model.turn
             state.tries += 1  # also counts one that is interrupted or seen, until the robot is seen to move
             self._enter(Phase.MOVES, moment)

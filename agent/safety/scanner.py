@@ -37,6 +37,8 @@ MAX_SCAN_LEAD = 0.1
 """Time by which a scan may arrive before its own stamp [s], as clocks are no more precise."""
 UNSEEN_MARGIN = 5e-3
 """Part of its margin that a robot need not see [m], as ranges are no more precise."""
+MAX_APPROACH = 0.003
+"""By how much a probe may come nearer to what is beside the robot [m]: more than it may do off its way."""
 RANGE_NOISE = 0.02
 """Distance by which obstacles are kept beyond the least range [m], so that noise does not hide them."""
 FROZEN_DISTANCE, FROZEN_ANGLE = 0.03, 0.03
@@ -323,6 +325,13 @@ class Scanner:
         hold = max(0.0, now.mono - self.state.ended) + self._lasts
         seen = [point for circle in strangers for point in circle.points]
         return Sight(moving, seen, self._body._replace(margin=self.margin), hold, self.state.unseen)
+
+    def sight_beside(self, strangers: Sequence[Circle], now: Now) -> Sight:
+        """Return the sight of a robot that may be inside its margin, which is narrower than what is free."""
+        sight = self.sight(strangers, now)
+        free = min(map(abs, sight.points), default=math.inf) - sight.body.radius - MAX_APPROACH
+        margin = min(sight.body.margin, max(self.state.overhang, free))
+        return sight._replace(body=sight.body._replace(margin=margin))
 
     def _follow(self, moment: float) -> None:
         """Extend the computed motion to `moment` [s, monotonic]."""

@@ -15,7 +15,6 @@ from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
-from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.process import STOP_TIMEOUT_SECONDS
@@ -116,7 +115,7 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
             break
         if not forever and time >= checked:
             checked += SETTLE_PERIOD
-            if judge.look_settled(last) or time > last + RECOVERY_TIME + 1.0:
+            if judge.look_settled(last):
                 break
     if fleet.watched is not None:
         fleet.watched.process.stop.reason = "the rehearsal ends"

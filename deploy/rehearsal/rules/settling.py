@@ -6,7 +6,7 @@ Odometry cannot tell where a robot is where its wheels slip (the physics world),
 start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only that all
 robots run again, but for that one if its scans contradict its odometry. Where it drifts, touches are judged
 while that is less than the filter's room, and the formation by so much less strictly.
-A robot that was carried to where no probe has room holds until a person moves it; the others must run.
+A robot that was carried against a wall or a post holds until a person moves it; the others must run.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ UNPLACED = (Code.SIGHT_CONTRADICTED, Code.SIGHT_SEARCHING, Code.SIGHT_LOST)
 """Reasons of a robot that holds until it finds its neighbours, or a person places it."""
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
+RECOVERY_TIME_AMONG_OBSTACLES = 120.0
+"""The same among posts and walls: a robot that held for long drives around them before it catches up [s]."""
 MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
 """Without faults: at least this time [s], and by how much longer than the longest way at top speed takes."""
 
@@ -43,8 +45,10 @@ class Settling:
         """When the formation settled after the last fault [s]."""
         mission = fleet.mission
         self._fleet, self._mission, self._drifted, self._tell = fleet, mission, drifted, tell
-        free = fleet.air.undisturbed and not (mission.simulation.posts or mission.simulation.walls)
-        self._limit = _settling_time(mission) if free and not faults else RECOVERY_TIME
+        among = mission.simulation.posts or mission.simulation.walls
+        self._recovery_time = RECOVERY_TIME_AMONG_OBSTACLES if among else RECOVERY_TIME
+        free = fleet.air.undisturbed and not (among or faults)
+        self._limit = _settling_time(mission) if free else self._recovery_time
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
         self._lost = {one.robot for one in faults if _is_lost_by(one, mission)} | _misplaced(faults, mission)
         self._carried = {one.robot for one in faults if one.kind == "carried"}
@@ -52,7 +56,7 @@ class Settling:
 
     def disturbed(self) -> None:
         """Allow the time that it takes after a fault."""
-        self._limit = RECOVERY_TIME
+        self._limit = self._recovery_time
 
     def look(self, since: float) -> bool:
         """Whether the formation has settled; `since` is when the last fault ended [s]."""
@@ -83,11 +87,12 @@ class Settling:
         return holds and agent.robot in self._lost
 
     def _asks_for_room(self, agent: Agent) -> bool:
-        """Whether a robot that was carried beside a wall or a post holds: a person must move it away."""
+        """Whether a robot that was carried against a wall or a post holds: a person must move it away."""
         if agent.decision.reason.code is not Code.PROBE_BLOCKED or agent.robot not in self._carried:
             return False
-        spec, (world, _) = self._mission.robots[agent.robot], self._fleet.robots[agent.robot]
-        return room(self._mission, world.plant(agent.robot).position) < spec.radius + spec.margin
+        world, _ = self._fleet.robots[agent.robot]
+        here = world.plant(agent.robot).position
+        return room(self._mission, here) < self._mission.robots[agent.robot].radius
 
     def _drifted_edges(self) -> float:
         """By how much drift may add to the formation error, summed over all edges [m]."""

@@ -36,6 +36,13 @@ def test_probe_without_room_counts_as_blocked(*, room: bool) -> None:
     assert probe.state.blocked is not room
 
 
+def test_probe_after_one_without_room_goes_the_other_way() -> None:
+    probe = Probe(Limits(offset=0.1, max_speed=0.6, max_turn_rate=2.0), AT_REST, 0.4)
+    assert stepped(probe, 0.0, 7.0, room=False) > 0.0
+    assert stepped(probe, 7.0, 8.0, room=False) < 0.0
+    assert stepped(probe, 15.0, 20.0, room=True) > 0.0
+
+
 def test_probe_with_room_and_rearming_end_the_blockage() -> None:
     probe = Probe(Limits(offset=0.1, max_speed=0.6, max_turn_rate=2.0), AT_REST, 0.4)
     blocked = []

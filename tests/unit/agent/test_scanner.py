@@ -16,7 +16,17 @@ from formation.ros2.messages import BadMessage
 from formation.sensing.scan import Mate, obstacles
 from tests.support.examples import slow
 from tests.support.fleet import at
-from tests.unit.agent.scanned import MARGIN, Robot, Wall, mission, post, scan, scanner_after
+from tests.unit.agent.scanned import (
+    MARGIN,
+    RADIUS,
+    Robot,
+    Wall,
+    distance_to_wall,
+    mission,
+    post,
+    scan,
+    scanner_after,
+)
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.5, *slow(0.7, -0.7)])
@@ -54,6 +64,30 @@ def test_robot_drives_along_wall_and_through_doorway(walls: list[Wall]) -> None:
     robot = Robot(walls=walls, noise=0.002, relative_noise=0.0)
     robot.drive(Command(0.3, 0.0), 10.0)
     assert robot.position.real > 2.5
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "forward", "backward"),
+    [
+        (-1 - 0.6j, 1 + 0.37j, False, True),  # a wall that comes nearer to the way ahead
+        (-1 - 0.12j, 1 - 0.12j, True, True),
+        (0.12 - 1j, 0.12 + 1j, False, True),
+        (-0.12 - 1j, -0.12 + 1j, True, False),
+    ],
+    ids=["beside, nearer ahead", "beside", "ahead", "behind"],
+)
+def test_probe_beside_wall_has_room_where_it_comes_no_nearer(
+    begin: complex, end: complex, *, forward: bool, backward: bool
+) -> None:
+    robot = Robot(walls=[(begin, end)], noise=0.0, relative_noise=0.0)
+    assert RADIUS < distance_to_wall(0j, begin, end) < RADIUS + MARGIN
+    scanner = robot.scanner
+    scanner.process_scan(robot.look(), 0.0, at(0.0))
+    strangers = scanner.strangers(at(0.0), [])
+    probes = [Command(speed, 0.0) for speed in (0.03, -0.03)]
+    allowed = [protected(one, scanner.sight_beside(strangers, at(0.0)))[0] == one for one in probes]
+    assert allowed == [forward, backward]
+    assert scanner.sight(strangers, at(0.0)).body.margin == MARGIN
 
 
 def test_teammate_known_by_message_does_not_limit_speed() -> None:

@@ -64,7 +64,6 @@ def test_exception_rule_names_process_and_error(monkeypatch: pytest.MonkeyPatch)
 
 def test_formation_rule_detects_unsettled_formation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
-    monkeypatch.setattr(rehearsal, "RECOVERY_TIME", 2.0)
     monkeypatch.setattr(settling, "RECOVERY_TIME", 2.0)
     found = rehearsed(PAIR.changed(settled=-1.0), "robot2:full@1+1").violations
     (violation,) = [one for one in found if one.rule == "formation"]

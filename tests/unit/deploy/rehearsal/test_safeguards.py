@@ -98,7 +98,6 @@ def commanding(command: Command) -> dict[str, Any]:
 
 IMPATIENT = {
     "deploy.rehearsal.rehearsal.START_TIME": 5.0,
-    "deploy.rehearsal.rehearsal.RECOVERY_TIME": 5.0,
     "deploy.rehearsal.rules.settling.RECOVERY_TIME": 5.0,
 }
 DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
