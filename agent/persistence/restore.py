@@ -2,7 +2,8 @@
 
     stops   an operator's stop or hold, and the requests that were answered. It lasts until it is released,
             also across restarts. A file that cannot be read may have been a stop: the robot stands.
-    state   the robot's pose, its odometry's frame, its integral and gains, the voted term. Restored if it is
+    state   the robot's pose, its odometry's frame, its integral and gains, the voted term, and that it does
+            not move as commanded: else each restart would drive blindly anew. Restored if it is
             of this robot, mission, law and boot, a minute old at most, and if the first message of the new
             process follows from it; otherwise the agent starts fresh. It then takes odometry that counts
             from the start as counted from the start pose. Where the saved state leaves a doubt of that, the
@@ -37,6 +38,7 @@ from formation.agent.persistence.state import (
     restore,
 )
 from formation.agent.pose.estimator import Localisation, LocalisationState
+from formation.agent.pose.motion_check import Disagreement
 from formation.agent.pose.sources import ExternalPoseState, OdometryState, counts_from_start_pose
 from formation.agent.safety.latch import LatchState
 from formation.protocol.election import check_term
@@ -100,6 +102,10 @@ class Saved:
     integral: complex
     tuning: TuningState
     """The integral's unit depends on the gains."""
+    doubt: Disagreement | None
+    """How the robot's motion differs from its commands."""
+    tries: int
+    """Number of probes since it was last seen to move."""
 
 
 SAVED = Codec(Saved)
@@ -222,6 +228,8 @@ class Restorer:
             age = arrived - saved.mono
             integral = saved.integral if age <= MAX_INTEGRAL_AGE else None
             restored = Restored(here=here.state, integral=integral, tuning=saved.tuning)
+            if not self._agent.readonly:
+                restored = replace(restored, doubt=saved.doubt, tries=saved.tries)
             self._rehearse(restored, inbox, now)
             return self._taken(restored, f"goes on from where it was {age:.1f} s ago")
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
@@ -264,6 +272,8 @@ class Restorer:
                 here=here,
                 integral=state.integral,
                 tuning=state.tuning,
+                doubt=state.motion.doubt,
+                tries=state.probe.tries,
             )
         )
 

@@ -29,6 +29,7 @@ from pydantic_core import core_schema as schemas
 from formation.agent.core import Agent, CoreState
 from formation.agent.following.gains import TuningState
 from formation.agent.pose.estimator import LocalisationState
+from formation.agent.pose.motion_check import Disagreement
 from formation.agent.safety.latch import LatchState
 from formation.protocol.reasons import Reason
 from formation.ros2.messages import Message
@@ -199,6 +200,10 @@ class Restored:
     here: LocalisationState | None = None
     integral: complex | None = None
     tuning: TuningState | None = None
+    doubt: Disagreement | None = None
+    """How the robot's motion differed from its commands."""
+    tries: int = 0
+    """Number of probes since it was last seen to move."""
 
     def into(self, agent: Agent) -> None:
         """Have `agent` take it over. Raises BadStateError; `agent` is then unchanged."""
@@ -209,6 +214,8 @@ class Restored:
             here=self.here or now.here,
             integral=now.integral if self.integral is None else self.integral,
             tuning=self.tuning or now.tuning,
+            motion=replace(now.motion, doubt=self.doubt or now.motion.doubt),
+            probe=replace(now.probe, tries=self.tries or now.probe.tries),
         )
         _check(agent, state)
         if self.voted_term is not None:

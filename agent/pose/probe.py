@@ -31,8 +31,8 @@ PROBE_SPEED_SHARE = 0.05
 """Speed of a probe as a share of the robot's top speed."""
 FIRST_WAIT = 1.0
 """Before the first probe [s]; twice as long before each following one."""
-LONGEST_WAIT = 3600.0
-"""[s]"""
+MAX_DOUBLINGS = 12
+"""How often the wait doubles, to little more than an hour."""
 AVERAGING_TIME = 0.5
 """Time over which measurements are averaged [s]."""
 MAX_PROBE_TIME = 4.0
@@ -222,7 +222,7 @@ class Probe:
             self._enter(Phase.WAITS, moment)
         elif (
             state.phase is Phase.WAITS
-            and over >= min(LONGEST_WAIT, FIRST_WAIT * 2.0**state.tries) - AVERAGING_TIME
+            and over >= FIRST_WAIT * 2.0 ** min(state.tries, MAX_DOUBLINGS) - AVERAGING_TIME
         ):
             self._look(moment)
         elif state.phase is Phase.BEFORE and over >= AVERAGING_TIME:
