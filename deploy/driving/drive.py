@@ -15,7 +15,7 @@ from uuid import uuid4
 from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.inputs import KEY_SECONDS, QUIT, RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
-from formation.deploy.driving.ros import add_router, listening, topic
+from formation.deploy.driving.ros import add_router, listening, router, topic
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
@@ -63,7 +63,8 @@ def main(arguments: Sequence[str]) -> int:
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
     most = first_limits(mission)
-    speed, turn_rate = min(options.speed or most.speed, most.speed), options.turn_rate or most.turn_rate
+    speed = _within("--speed", options.speed, most.speed, "m/s")
+    turn_rate = _within("--turn-rate", options.turn_rate, most.turn_rate, "rad/s")
     with (
         refusing(BusError),
         _input(options, speed, turn_rate) as read,
@@ -78,6 +79,13 @@ def main(arguments: Sequence[str]) -> int:
             ended = end if isinstance(end, Ended) else Ended(0, "drive ended")
             print(f"\nformation: {ended}: {drive.outcome}", file=sys.stderr)
             return ended.code
+
+
+def _within(flag: str, value: float | None, most: float, unit: str) -> float:
+    """Return the `value` of a flag, or `most` without one. Raises Refusal for more."""
+    if value is not None and value > most:
+        raise Refusal(f"{flag} {value:g} {unit}: must be at most {most:.4g}, which the followers can follow")
+    return most if value is None else value
 
 
 class _Drive:
@@ -131,6 +139,8 @@ def _input(
     options: argparse.Namespace, speed: float, turn_rate: float
 ) -> AbstractContextManager[Callable[[], Share]]:
     """Return a context with a function that reads the chosen input. Raises Refusal."""
+    if options.topic is None and (options.ros, options.domain) != (None, None):
+        raise Refusal("--ros and --domain are of use with --topic only")
     if options.topic:
         return _topic(options, Twists(speed, turn_rate))
     return _gamepad(options.gamepad) if options.gamepad else _keys()
@@ -147,7 +157,7 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
         return twists.velocity(monotonic())
 
-    with listening(options.ros, (options.topic,), options.domain) as bus:
+    with listening(*router(options), (options.topic,)) as bus:
         yield read
 
 

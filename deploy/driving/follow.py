@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
-from formation.deploy.driving.ros import add_router, listening, topic
+from formation.deploy.driving.ros import add_router, listening, router, topic
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     with (
         refusing(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
-        listening(options.ros, topics, options.domain) as ros,
+        listening(*router(options), topics) as ros,
     ):
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         while True:

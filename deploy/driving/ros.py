@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from formation.deploy.refusal import Refusal
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig
 
@@ -24,15 +25,13 @@ def add_router(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--domain",
         type=_domain,
-        default=os.environ.get("ROS_DOMAIN_ID") or "0",
         metavar="ID",
         help="ROS domain of the topics with rmw_zenoh (default: ROS_DOMAIN_ID, or 0)",
     )
     options.add_argument(
         "--ros",
-        default=ROUTER,
         metavar="ENDPOINT",
-        help="the ROS 2 bridge or router of this machine, which topics need (default %(default)s)",
+        help=f"the ROS 2 bridge or router of this machine, which topics need (default {ROUTER})",
     )
 
 
@@ -51,8 +50,18 @@ def _domain(text: str) -> int:
     return int(text)
 
 
+def router(options: argparse.Namespace) -> tuple[str, int]:
+    """Return the endpoint of the bridge or router, and the ROS domain. Raises Refusal."""
+    if options.domain is not None:
+        return options.ros or ROUTER, options.domain
+    try:
+        return options.ros or ROUTER, _domain(os.environ.get("ROS_DOMAIN_ID") or "0")
+    except argparse.ArgumentTypeError as error:
+        raise Refusal(f"ROS_DOMAIN_ID {error}") from None
+
+
 @contextmanager
-def listening(endpoint: str, topics: tuple[str, ...], domain: int) -> Iterator[Bus]:
+def listening(endpoint: str, domain: int, topics: tuple[str, ...]) -> Iterator[Bus]:
     """Yield a bus that receives `topics` under their own names, from a bridge or from rmw_zenoh.
 
     rmw_zenoh puts the `domain` before a topic, type and hash after it. A robot's topic of the same name has

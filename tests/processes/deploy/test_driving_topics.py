@@ -18,7 +18,7 @@ def test_listening_receives_only_its_topic_and_domain(endpoint: str) -> None:
     with Bus(BusConfig(listen=(endpoint,), mode="router", name="bridge")) as bridge:
         for key in keys:
             bridge.advertise(command_topic("twist"), key)
-        with listening(endpoint, ("/cmd_vel",), 7) as bus:
+        with listening(endpoint, 7, ("/cmd_vel",)) as bus:
             wanted = {encode(Twist(speed, 0.0)) for speed in (0.1, 0.2, 0.5)}
             received: set[bytes] = set()
             deadline = time.monotonic() + 20.0

@@ -28,6 +28,7 @@ from formation.deploy.driving.inputs import (
     Twists,
 )
 from formation.deploy.driving.remote import Remote
+from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply, OperatorRequest
@@ -186,3 +187,23 @@ def test_end_of_drive_says_hold_only_if_the_leader_obeys(replies: list[dict[str,
         data = json_message.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
         one._remote.answered([data], 0.0, 0.1)
     assert one.outcome.startswith(says)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--speed 99", "--speed 99 m/s: must be at most "),
+        ("--turn-rate 99", "--turn-rate 99 rad/s: must be at most "),
+        ("--gamepad --domain 3", "with --topic only"),
+        ("--ros tcp/127.0.0.1:7450", "with --topic only"),
+    ],
+)
+def test_flags_without_effect_and_excessive_limits_are_refused(arguments: str, message: str) -> None:
+    with pytest.raises(Refusal, match=message):
+        drive.main(["convoy", *arguments.split()])
+
+
+def test_invalid_domain_in_the_environment_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    with pytest.raises(Refusal, match="ROS_DOMAIN_ID 'many': must be a whole number"):
+        drive.main(["convoy", "--topic", "/cmd_vel"])
