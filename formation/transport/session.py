@@ -87,7 +87,7 @@ def settings_of(config: BusConfig) -> zenoh.Config:
     for path, value in defaults + ([] if linked else config.links()) + config.flags():
         settings.insert_json5(path, value)
     for path, value in config.overrides:
-        with named(f"--cfg {path}:{value}"):
+        with named(f"--cfg {path}:{value}: must be one of Zenoh's paths, and JSON5 with text in quotes"):
             settings.insert_json5(path, value)
     return settings
 

@@ -15,6 +15,9 @@ SEND_BUFFER_BYTES = 64 * 1024
 BACKLOG_CONNECTIONS = 64
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - only on request
 NOT_HERE = "this machine does not have it; 0.0.0.0 stands for all addresses that it has"
+IN_USE = "another program listens there; choose another port, or end it (ss -ltnp shows it)"
+ADVICE = {errno.EADDRNOTAVAIL: NOT_HERE, errno.EADDRINUSE: IN_USE}
+"""By the number of the operating system's error."""
 ELSEWHERE = ("192.0.2.1", 9)
 """An address reserved for examples."""
 PAGE_HELP = """\
@@ -84,8 +87,8 @@ def listening(bind: Bind) -> socket.socket:
         one.setblocking(False)
     except OSError as error:
         one.close()
-        if error.errno == errno.EADDRNOTAVAIL:
-            raise OSError(error.errno, f"{error.strerror}: {NOT_HERE}") from None
+        if (advice := ADVICE.get(error.errno or 0)) is not None:
+            raise OSError(error.errno, f"{error.strerror}: {advice}") from None
         raise
     return one
 

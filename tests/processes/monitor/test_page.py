@@ -17,7 +17,7 @@ import pytest
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
-from formation.monitor.web.address import Bind, listening
+from formation.monitor.web.address import IN_USE, Bind, listening
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.actor import Actor, router
 from tests.support.child import PATIENCE, Child, free_endpoint, started, until
@@ -151,7 +151,7 @@ def test_page_port_in_use_is_refused_only_if_requested(
         record = ("--record", str(tmp_path / "run.mcap"))
         with started("formation.monitor", "six_robots", *links, *record, "--page", where) as child:
             assert child.wait() == 2
-            assert child.errors == f"monitor: --page {where}: Address already in use\n"
+            assert child.errors == f"monitor: --page {where}: Address already in use: {IN_USE}\n"
     assert not list(tmp_path.iterdir())
     pages = set()
     with (

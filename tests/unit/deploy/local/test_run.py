@@ -11,7 +11,7 @@ from formation.deploy.local import run
 from formation.deploy.refusal import Refusal
 from formation.mission.file import read
 from formation.mission.model import Mission
-from formation.monitor.web.address import NOT_HERE
+from formation.monitor.web.address import IN_USE, NOT_HERE
 from tests.unit.deploy.commands import Capsys, refused
 
 
@@ -61,5 +61,5 @@ def test_page_port_in_use_is_refused(capsys: Capsys) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         where = f"127.0.0.1:{taken.getsockname()[1]}"
         assert refused(capsys, ["run", "--page", where]) == (
-            f"formation: --page {where}: Address already in use\n"
+            f"formation: --page {where}: Address already in use: {IN_USE}\n"
         )
