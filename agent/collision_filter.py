@@ -73,11 +73,9 @@ class Avoiding:
         self, here: Localisation, around: Neighbourhood, now: Now
     ) -> tuple[list[Obstacle], Sight | None]:
         """Return the obstacles, none with mode off; and what the scanner sees."""
-        known = self._known(around)
-        obstacles = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
-        strangers = self._strangers(obstacles, known, now)
+        robots, strangers = self._around(here, around, now)
         sight = None if self.scanner is None else self.scanner.sight(strangers, now)
-        return [] if self.mode == "off" else [*obstacles.values(), *self._seen(strangers)], sight
+        return [] if self.mode == "off" else [*robots, *self._seen(strangers)], sight
 
     def beside(
         self, here: Localisation, around: Neighbourhood, now: Now
@@ -87,11 +85,9 @@ class Avoiding:
         Inside its margin a robot may drive neither way past a wall or a post. For the few millimetres of a
         probe it is enough that it hardly comes nearer to anything.
         """
-        known = self._known(around)
-        obstacles = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
-        strangers = self._strangers(obstacles, known, now)
+        robots, strangers = self._around(here, around, now)
         sight = None if self.scanner is None else self.scanner.sight_beside(strangers, now)
-        return [] if self.mode == "off" else list(obstacles.values()), sight
+        return [] if self.mode == "off" else robots, sight
 
     def expect(self, here: Localisation, around: Neighbourhood, now: Now) -> None:
         """Tell the scanner how far away the robots are that it should show."""
@@ -144,6 +140,14 @@ class Avoiding:
             one.stream.doubt()
         if self.scanner is not None:
             self.scanner.stream.doubt()
+
+    def _around(
+        self, here: Localisation, around: Neighbourhood, now: Now
+    ) -> tuple[list[Obstacle], list[Circle]]:
+        """Return the robots that it knows of, and what else its scan shows."""
+        known = self._known(around)
+        robots = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
+        return list(robots.values()), self._strangers(robots, known, now)
 
     def _known(self, around: Neighbourhood) -> dict[str, Neighbour]:
         """The robots that were received or measured at least once."""
