@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from formation.agent.simulated.faults import Fault
 from formation.control.tracker import MAX_DELAY
 from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.rules.places import AT_REST_STEP, Tell
+from formation.deploy.rehearsal.rules.places import Tell
 from formation.mission.model import Mission
 from formation.protocol.lateness import LATE_GAIN, own_age_limit
 
@@ -18,8 +18,8 @@ BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
 
 Not ``restamped``: without stamps only a changing speed shows a delay, so a robot may drive on until then.
 """
-GRACE_TIME = 1.0
-"""Time from its first motion until the path of such a robot counts [s]."""
+GRACE_PATH, GRACE_TIME = 0.01, 1.0
+"""So far [m] such a robot drives before it can notice, and so long after that [s] its path does not count."""
 MAX_BLIND_PATH = 0.1
 """Path of such a robot that breaks the rule [m]."""
 
@@ -35,7 +35,9 @@ class Blind:
     at: complex | None = None
     """Its true position at the newest check [m]."""
     counts_from: float = math.inf
-    """`GRACE_TIME` after it first moved since then [s]."""
+    """`GRACE_TIME` after it has driven `GRACE_PATH` since then [s]."""
+    before: float = 0.0
+    """Its true path until `counts_from` [m]."""
     path: float = 0.0
     """Its true path from `counts_from` on [m]."""
 
@@ -45,11 +47,13 @@ class Blind:
             return False
         step = 0.0 if self.at is None else abs(here - self.at)
         self.at = here
-        if step > AT_REST_STEP:
-            self.counts_from = min(self.counts_from, now + GRACE_TIME)
         if now > self.counts_from:
             self.path += step
-        return self.path >= MAX_BLIND_PATH
+            return self.path >= MAX_BLIND_PATH
+        self.before += step
+        if self.before > GRACE_PATH:
+            self.counts_from = min(self.counts_from, now + GRACE_TIME)
+        return False
 
 
 class BlindPaths:

@@ -129,8 +129,14 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
         (PAIR, 400098, {"signed": True}, "robot2:restart@6+3.6 robot2:torn@20.4+9.4"),
         # the position froze while it was late, which was noticed first
         (PAIR, 300173, LOSSY, "robot2:stale=3.65@11.9+4.1 robot2:tremble=0.000391@12.2+5.9"),
-        # carried to a wall, where no probe has room
+        # carried to a wall, along which alone it has room
         (POSTS, 1000070, LOSSY, "robot2:carried=0.219@22.6+4.6"),
+        # hardly moved when its position froze, stood, and drove off
+        (SIX, 2000671, {}, "robot3:frozen@8.6+5.1 robot2:torn@10.2+4.9 robot6:frozen@14.9+9.1"),
+        # restarted while its position was frozen
+        (PAIR, 2000453, {}, "robot2:frozen@17.4+6.5 robot2:kill@19.6+2.7"),
+        # carried to a post, which it may only leave backwards
+        (POSTS, 2000396, {}, "robot3:carried=0.24@20.5+3.7"),
         # a run and a hold within two milliseconds
         (PATROL, 1000251, {}, "robot3:hold@18+6.9 reserve:waver@24.6+5.2"),
     ],
