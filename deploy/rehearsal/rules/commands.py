@@ -45,7 +45,7 @@ class Commands:
         self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
         self._newest_order = ""  # id of the newest order
         self._ordered: dict[str, float] = {}  # when each request was ordered, by its id [s]
-        self._newest_run = 0.0  # when the newest run was ordered [s]
+        self._newest_run = self._newest_release = 0.0  # when they were ordered [s]
         self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         fleet.local.watchers.append(self._command)
@@ -56,9 +56,8 @@ class Commands:
             return
         if request.do == "stop":
             self._check_saved(name, request, reply)
-            self._stopped.setdefault(name, self._fleet.engine.now)
-        elif request.do == "release":
-            self._stopped.pop(name, None)
+            if self._ordered[request.id] > self._newest_release:
+                self._stopped.setdefault(name, self._fleet.engine.now)
         rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
         if rests and self._ordered[request.id] > self._newest_run:
             self._resting.setdefault(name, self._fleet.engine.now)
@@ -69,6 +68,9 @@ class Commands:
         self._ordered[request.id] = now
         if request.do != "query":
             self._newest_order = request.id
+        if request.do == "release":  # robots may obey it although their answers are lost
+            self._newest_release = now
+            self._stopped.clear()
         if request.do == "run":
             self._newest_run = now
             self._resting.clear()

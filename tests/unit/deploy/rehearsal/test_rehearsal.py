@@ -133,6 +133,8 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
         (POSTS, 1000070, LOSSY, "robot2:carried=0.219@22.6+4.6"),
         # hardly moved when its position froze, stood, and drove off
         (SIX, 2000671, {}, "robot3:frozen@8.6+5.1 robot2:torn@10.2+4.9 robot6:frozen@14.9+9.1"),
+        # released, and no answer of it arrived
+        (POSTS, 2000876, LOSSY, "robot5:stop@5+9.8 robot1:loss=0.557@11.6+5.4"),
         # restarted while its position was frozen
         (PAIR, 2000453, {}, "robot2:frozen@17.4+6.5 robot2:kill@19.6+2.7"),
         # carried to a post, which it may only leave backwards
