@@ -9,7 +9,7 @@ for as long as this agent runs. Robots of which nothing was received are not obs
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourState, answers
@@ -78,15 +78,20 @@ class Avoiding:
         return [] if self.mode == "off" else [*robots, *self._seen(strangers)], sight
 
     def beside(
-        self, here: Localisation, around: Neighbourhood, now: Now
+        self,
+        here: Localisation,
+        around: Neighbourhood,
+        now: Now,
+        speed: float,
+        kept: Callable[[float], float],
     ) -> tuple[list[Obstacle], Sight | None]:
-        """Return the same for a probe: what the scan shows limits it only by the protective zones.
+        """Return the same for a probe at `speed` [m/s]: the scan limits it by the protective zones only.
 
         Inside its margin a robot may drive neither way past a wall or a post. For the few millimetres of a
-        probe it is enough that it hardly comes nearer to anything.
+        probe it is enough that it leaves what is nearest, and comes no nearer than that (`kept`) to the rest.
         """
         robots, strangers = self._around(here, around, now)
-        sight = None if self.scanner is None else self.scanner.sight_beside(strangers, now)
+        sight = None if self.scanner is None else self.scanner.sight_beside(strangers, now, speed, kept)
         return [] if self.mode == "off" else robots, sight
 
     def expect(self, here: Localisation, around: Neighbourhood, now: Now) -> None:

@@ -390,7 +390,9 @@ class Agent:
         trial = self._tried(now, wanted.target)
         if trial == AT_REST:
             return self._at_rest(now)
-        obstacles, sight = self.avoiding.beside(self.here, self.neighbours, now)
+        obstacles, sight = self.avoiding.beside(
+            self.here, self.neighbours, now, trial.speed, self._probe.kept
+        )
         inputs = inputs._replace(sight=sight)
         return self._driven(now, *slowed(state, trial, inputs, obstacles, self._params))
 

@@ -151,6 +151,8 @@ class ProbeState:
     """Signed path length [m] and turn [rad] of the model when the probe began."""
     expected: tuple[float, float] = 0.0, 0.0
     """Signed path length [m] and turn [rad] of the probe."""
+    free: float | None = None
+    """Least distance to what was beside the robot when the newest probe began to move [m]; None before."""
     blocked: bool = False
     """Whether the newest probe had no room: the collision filter or the protective zones stopped it."""
 
@@ -229,7 +231,7 @@ class Probe:
             wish = wanted.turn_rate if turns else wanted.speed
             forward = -1.0 if wish < 0.0 else 1.0
             state.direction = -state.direction if state.blocked else forward
-            state.began = model.ahead, model.turn
+            state.began, state.free = (model.ahead, model.turn), None
             state.tries += 1  # also counts one that is interrupted or seen, until the robot is seen to move
             self._enter(Phase.MOVES, moment)
         elif state.phase is Phase.MOVES:
@@ -252,6 +254,12 @@ class Probe:
         if turns:
             return Command(0.0, state.direction * self._turn_rate)
         return Command(state.direction * self._speed, 0.0)
+
+    def kept(self, free: float) -> float:
+        """Return the distance that this probe keeps to what is beside it: `free` at its first call [m]."""
+        if self.state.free is None:
+            self.state.free = free
+        return self.state.free
 
     def verdict(self, moment: float, doubt: Disagreement, limit: float, *, speeds: bool) -> bool | None:
         """Whether the newest probe was seen at most `limit` [s] later; None if undecided.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import NamedTuple
@@ -37,8 +37,8 @@ MAX_SCAN_LEAD = 0.1
 """Time by which a scan may arrive before its own stamp [s], as clocks are no more precise."""
 UNSEEN_MARGIN = 5e-3
 """Part of its margin that a robot need not see [m], as ranges are no more precise."""
-MAX_APPROACH = 0.003
-"""By how much a probe may come nearer to what is beside the robot [m]: more than it may do off its way."""
+NEAREST_DEPTH = 0.01
+"""By how much farther than the nearest point those are that may be the nearest, as ranges have noise [m]."""
 RANGE_NOISE = 0.02
 """Distance by which obstacles are kept beyond the least range [m], so that noise does not hide them."""
 FROZEN_DISTANCE, FROZEN_ANGLE = 0.03, 0.03
@@ -326,12 +326,20 @@ class Scanner:
         seen = [point for circle in strangers for point in circle.points]
         return Sight(moving, seen, self._body._replace(margin=self.margin), hold, self.state.unseen)
 
-    def sight_beside(self, strangers: Sequence[Circle], now: Now) -> Sight:
-        """Return the sight of a robot that may be inside its margin, which is narrower than what is free."""
+    def sight_beside(
+        self, strangers: Sequence[Circle], now: Now, speed: float, kept: Callable[[float], float]
+    ) -> Sight:
+        """Return the sight of a robot that probes straight on at `speed` [m/s] and may be inside its margin.
+
+        Where it leaves all that is nearest, by noise too, its margin is as narrow as the distance that it
+        keeps; `kept` returns that from the least one now [m].
+        """
         sight = self.sight(strangers, now)
-        free = min(map(abs, sight.points), default=math.inf) - sight.body.radius - MAX_APPROACH
-        margin = min(sight.body.margin, max(self.state.overhang, free))
-        return sight._replace(body=sight.body._replace(margin=margin))
+        nearest = min(map(abs, sight.points), default=math.inf)
+        if any(point.real * speed >= 0.0 for point in sight.points if abs(point) < nearest + NEAREST_DEPTH):
+            return sight
+        least = max(self.state.overhang, kept(nearest - sight.body.radius))
+        return sight._replace(body=sight.body._replace(margin=min(sight.body.margin, least), spread=0.0))
 
     def _follow(self, moment: float) -> None:
         """Extend the computed motion to `moment` [s, monotonic]."""

@@ -6,7 +6,8 @@ Odometry cannot tell where a robot is where its wheels slip (the physics world),
 start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only that all
 robots run again, but for that one if its scans contradict its odometry. Where it drifts, touches are judged
 while that is less than the filter's room, and the formation by so much less strictly.
-A robot that was carried against a wall or a post holds until a person moves it; the others must run.
+A robot that was carried to within its margin of a wall or a post, where no probe has room, holds until a
+person moves it; the others must run.
 """
 
 from __future__ import annotations
@@ -87,12 +88,13 @@ class Settling:
         return holds and agent.robot in self._lost
 
     def _asks_for_room(self, agent: Agent) -> bool:
-        """Whether a robot that was carried against a wall or a post holds: a person must move it away."""
+        """Whether a robot that was carried beside a wall or a post holds: a person must move it away."""
         if agent.decision.reason.code is not Code.PROBE_BLOCKED or agent.robot not in self._carried:
             return False
         world, _ = self._fleet.robots[agent.robot]
         here = world.plant(agent.robot).position
-        return room(self._mission, here) < self._mission.robots[agent.robot].radius
+        spec = self._mission.robots[agent.robot]
+        return room(self._mission, here) < spec.radius + spec.margin
 
     def _drifted_edges(self) -> float:
         """By how much drift may add to the formation error, summed over all edges [m]."""

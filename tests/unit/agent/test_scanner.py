@@ -69,23 +69,24 @@ def test_robot_drives_along_wall_and_through_doorway(walls: list[Wall]) -> None:
 @pytest.mark.parametrize(
     ("begin", "end", "forward", "backward"),
     [
-        (-1 - 0.6j, 1 + 0.37j, False, True),  # a wall that comes nearer to the way ahead
-        (-1 - 0.12j, 1 - 0.12j, True, True),
+        (-1 - 1.17j, 1 + 0.83j, False, True),
+        (-1 - 0.12j, 1 - 0.12j, False, False),
         (0.12 - 1j, 0.12 + 1j, False, True),
         (-0.12 - 1j, -0.12 + 1j, True, False),
     ],
     ids=["beside, nearer ahead", "beside", "ahead", "behind"],
 )
-def test_probe_beside_wall_has_room_where_it_comes_no_nearer(
+def test_probe_inside_margin_may_only_leave_what_is_nearest(
     begin: complex, end: complex, *, forward: bool, backward: bool
 ) -> None:
     robot = Robot(walls=[(begin, end)], noise=0.0, relative_noise=0.0)
     assert RADIUS < distance_to_wall(0j, begin, end) < RADIUS + MARGIN
     scanner = robot.scanner
     scanner.process_scan(robot.look(), 0.0, at(0.0))
-    strangers = scanner.strangers(at(0.0), [])
-    probes = [Command(speed, 0.0) for speed in (0.03, -0.03)]
-    allowed = [protected(one, scanner.sight_beside(strangers, at(0.0)))[0] == one for one in probes]
+    strangers, allowed = scanner.strangers(at(0.0), []), []
+    for speed in (0.03, -0.03):
+        sight = scanner.sight_beside(strangers, at(0.0), speed, lambda free: free)
+        allowed.append(protected(Command(speed, 0.0), sight)[0].speed == speed)
     assert allowed == [forward, backward]
     assert scanner.sight(strangers, at(0.0)).body.margin == MARGIN
 
