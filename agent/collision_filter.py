@@ -71,28 +71,19 @@ class Avoiding:
 
     def obstacles(
         self, here: Localisation, around: Neighbourhood, now: Now
-    ) -> tuple[list[Obstacle], Sight | None]:
-        """Return the obstacles, none with mode off; and what the scanner sees."""
-        robots, strangers = self._around(here, around, now)
+    ) -> tuple[list[Obstacle], list[Obstacle], Sight | None]:
+        """Return the known robots, what else the scan shows (neither with mode off), and the sight."""
+        known = self._known(around)
+        robots = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
+        strangers = self._strangers(robots, known, now)
         sight = None if self.scanner is None else self.scanner.sight(strangers, now)
-        return [] if self.mode == "off" else [*robots, *self._seen(strangers)], sight
+        return (
+            ([], [], sight) if self.mode == "off" else ([*robots.values()], [*self._seen(strangers)], sight)
+        )
 
-    def beside(
-        self,
-        here: Localisation,
-        around: Neighbourhood,
-        now: Now,
-        speed: float,
-        kept: Callable[[float], float],
-    ) -> tuple[list[Obstacle], Sight | None]:
-        """Return the same for a probe at `speed` [m/s]: the scan limits it by the protective zones only.
-
-        Inside its margin a robot may drive neither way past a wall or a post. For the few millimetres of a
-        probe it is enough that it leaves what is nearest, and comes no nearer than that (`kept`) to the rest.
-        """
-        robots, strangers = self._around(here, around, now)
-        sight = None if self.scanner is None else self.scanner.sight_beside(strangers, now, speed, kept)
-        return [] if self.mode == "off" else robots, sight
+    def beside(self, sight: Sight | None, speed: float, kept: Callable[[float], float]) -> Sight | None:
+        """Return the sight of a robot that probes straight on at `speed` [m/s], maybe inside its margin."""
+        return None if self.scanner is None or sight is None else self.scanner.beside(sight, speed, kept)
 
     def expect(self, here: Localisation, around: Neighbourhood, now: Now) -> None:
         """Tell the scanner how far away the robots are that it should show."""
@@ -145,14 +136,6 @@ class Avoiding:
             one.stream.doubt()
         if self.scanner is not None:
             self.scanner.stream.doubt()
-
-    def _around(
-        self, here: Localisation, around: Neighbourhood, now: Now
-    ) -> tuple[list[Obstacle], list[Circle]]:
-        """Return the robots that it knows of, and what else its scan shows."""
-        known = self._known(around)
-        robots = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
-        return list(robots.values()), self._strangers(robots, known, now)
 
     def _known(self, around: Neighbourhood) -> dict[str, Neighbour]:
         """The robots that were received or measured at least once."""

@@ -362,9 +362,11 @@ class Agent:
         inputs = Inputs(now.mono, dt, heading, what, gains)
         if probes:
             return self._probed(now, integral, inputs)
-        obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
+        robots, strangers, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
         before = self.commander.control_state(integral, self.avoiding.state.avoidance)
-        state, outcome = control_step(before, inputs._replace(sight=sight), obstacles, self._params)
+        state, outcome = control_step(
+            before, inputs._replace(sight=sight), [*robots, *strangers], self._params
+        )
         self.state.finite = outcome.finite
         if not outcome.finite:
             return self._not_finite(now)
@@ -384,17 +386,15 @@ class Agent:
         law_output, _, self.state.finite = law_command(state, inputs, self._params, self._params.limits)
         if not self.state.finite:
             return self._not_finite(now)
-        obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
+        robots, strangers, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
         inputs = inputs._replace(sight=sight)
-        _, wanted = constrained(state, law_output, inputs, obstacles, self._params)
+        _, wanted = constrained(state, law_output, inputs, [*robots, *strangers], self._params)
         trial = self._tried(now, wanted.target)
         if trial == AT_REST:
             return self._at_rest(now)
-        obstacles, sight = self.avoiding.beside(
-            self.here, self.neighbours, now, trial.speed, self._probe.kept
-        )
-        inputs = inputs._replace(sight=sight)
-        return self._driven(now, *slowed(state, trial, inputs, obstacles, self._params))
+        # the protective zones alone limit it towards what only the scan shows
+        inputs = inputs._replace(sight=self.avoiding.beside(sight, trial.speed, self._probe.kept))
+        return self._driven(now, *slowed(state, trial, inputs, robots, self._params))
 
     def _driven(self, now: Now, state: ControlState, outcome: Outcome) -> list[Outgoing]:
         """Send the command of a control step, and store its state for the next."""

@@ -21,7 +21,7 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, spelled
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
 from formation.deploy.rehearsal.rules.judge import RULES
-from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME_AMONG_OBSTACLES
+from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME, RECOVERY_TIME_AMONG_OBSTACLES
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar
 from formation.deploy.terminal.units import metres
@@ -234,7 +234,7 @@ def _options() -> argparse.ArgumentParser:
     flags.add_argument(
         "--seconds", type=number(0.0, MAX_HORIZON), default=0.0,
         help=f"shortest run [s] (default: until the formation has settled after the last fault, which must"
-        f" take at most {RECOVERY_TIME_AMONG_OBSTACLES:.0f} s)",
+        f" take at most {RECOVERY_TIME:.0f} s, among posts and walls {RECOVERY_TIME_AMONG_OBSTACLES:.0f} s)",
     )  # fmt: skip
     flags.add_argument(
         "--world",

@@ -326,15 +326,13 @@ class Scanner:
         seen = [point for circle in strangers for point in circle.points]
         return Sight(moving, seen, self._body._replace(margin=self.margin), hold, self.state.unseen)
 
-    def sight_beside(
-        self, strangers: Sequence[Circle], now: Now, speed: float, kept: Callable[[float], float]
-    ) -> Sight:
+    def beside(self, sight: Sight, speed: float, kept: Callable[[float], float]) -> Sight:
         """Return the sight of a robot that probes straight on at `speed` [m/s] and may be inside its margin.
 
-        Where it leaves all that is nearest, by noise too, its margin is as narrow as the distance that it
-        keeps; `kept` returns that from the least one now [m].
+        There it may drive neither way past a wall or a post. For the few millimetres of a probe it is enough
+        that it leaves all that is nearest, by noise too: its margin is then as narrow as the distance that it
+        keeps to the rest; `kept` returns that from the least one now [m].
         """
-        sight = self.sight(strangers, now)
         nearest = min(map(abs, sight.points), default=math.inf)
         if any(point.real * speed >= 0.0 for point in sight.points if abs(point) < nearest + NEAREST_DEPTH):
             return sight

@@ -91,10 +91,8 @@ class Settling:
         """Whether a robot that was carried beside a wall or a post holds: a person must move it away."""
         if agent.decision.reason.code is not Code.PROBE_BLOCKED or agent.robot not in self._carried:
             return False
-        world, _ = self._fleet.robots[agent.robot]
-        here = world.plant(agent.robot).position
-        spec = self._mission.robots[agent.robot]
-        return room(self._mission, here) < spec.radius + spec.margin
+        spec, (world, _) = self._mission.robots[agent.robot], self._fleet.robots[agent.robot]
+        return room(self._mission, world.plant(agent.robot).position) < spec.radius + spec.margin
 
     def _drifted_edges(self) -> float:
         """By how much drift may add to the formation error, summed over all edges [m]."""

@@ -75,7 +75,8 @@ def _watch(fleet: Fleet, name: str, took: dict[float, float]) -> None:
         return obstacles(*given)
 
     def whole(state: ControlState, outcome: Outcome) -> None:
-        around, _ = obstacles(*requested)
+        robots, strangers, _ = obstacles(*requested)
+        around = [*robots, *strangers]
         done, _ = avoid(outcome.target, around, params.avoidance, params.limits, 0j, state.avoidance, 0.05)
         brake(done, around, params.avoidance)
 

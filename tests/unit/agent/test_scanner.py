@@ -85,7 +85,7 @@ def test_probe_inside_margin_may_only_leave_what_is_nearest(
     scanner.process_scan(robot.look(), 0.0, at(0.0))
     strangers, allowed = scanner.strangers(at(0.0), []), []
     for speed in (0.03, -0.03):
-        sight = scanner.sight_beside(strangers, at(0.0), speed, lambda free: free)
+        sight = scanner.beside(scanner.sight(strangers, at(0.0)), speed, lambda free: free)
         allowed.append(protected(Command(speed, 0.0), sight)[0].speed == speed)
     assert allowed == [forward, backward]
     assert scanner.sight(strangers, at(0.0)).body.margin == MARGIN

@@ -129,7 +129,7 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
         (PAIR, 400098, {"signed": True}, "robot2:restart@6+3.6 robot2:torn@20.4+9.4"),
         # the position froze while it was late, which was noticed first
         (PAIR, 300173, LOSSY, "robot2:stale=3.65@11.9+4.1 robot2:tremble=0.000391@12.2+5.9"),
-        # carried to a wall, along which alone it has room
+        # carried beside a wall, which it may only leave backwards
         (POSTS, 1000070, LOSSY, "robot2:carried=0.219@22.6+4.6"),
         # hardly moved when its position froze, stood, and drove off
         (SIX, 2000671, {}, "robot3:frozen@8.6+5.1 robot2:torn@10.2+4.9 robot6:frozen@14.9+9.1"),
