@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.store import Store, boot_id
 from formation.agent.process import drive
 from formation.control.laws import LAWS

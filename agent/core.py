@@ -299,10 +299,9 @@ class Agent:
 
         The second is made only after the first has been taken: making it may fail.
         """
-        self.latch.state.rest.stop, self.state.decision = (
-            HALTED,
-            Decision(AgentState.STOP, Reason.of(Code.ENDED, cause=reason)),
-        )
+        rest = self.latch.state.rest
+        rest.stop = rest.stop or HALTED
+        self.state.decision = Decision(AgentState.STOP, Reason.of(Code.ENDED, cause=reason))
         return chain(self.commander.leave(now), map(self._status, (now,)))
 
     def request(self, data: bytes, received: float) -> bytes:

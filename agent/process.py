@@ -19,7 +19,8 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence, Taken
+from formation.agent.persistence.persistence import Persistence
+from formation.agent.persistence.restore import Taken
 from formation.agent.persistence.trace import Link, Trace
 from formation.agent.status import Surroundings
 from formation.protocol import json_message

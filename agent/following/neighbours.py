@@ -6,6 +6,7 @@ those either, neighbours that are returning to their slots.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from formation.agent.following.relative_check import (
     OwnMotion,
     RelativeCheck,
     RelativeCheckState,
+    RelativeMemory,
 )
 from formation.agent.following.slots import Slots
 from formation.agent.pose.estimator import Localisation
@@ -198,7 +200,8 @@ class Neighbour:
         if self.check is None or now.mono - self.stream.state.received > self.stream.limit:
             return None
         if not self.state.trust.held:
-            return self.check.state.doubt
+            doubt = self.check.state.doubt
+            return None if doubt is None else doubt.why
         age = self.stream.age_on_arrival
         code = Code.RELATIVE_WAS_LATE if age <= age_limit else Code.RELATIVE_LATE
         return Reason.of(code, robot=self.name, age=age, limit=age_limit)
@@ -372,6 +375,17 @@ class Neighbourhood:
         for one in self.each.values():
             if one.check is not None:
                 one.check.trust(moment)
+
+    @property
+    def memory(self) -> dict[str, RelativeMemory]:
+        """What the next agent must know of what sensors have measured, by neighbour."""
+        return {name: one.check.memory for name, one in self.each.items() if one.check is not None}
+
+    def restore(self, memory: Mapping[str, RelativeMemory]) -> None:
+        """Have it know what another agent did of what sensors have measured."""
+        for name, one in self.each.items():
+            if one.check is not None and name in memory:
+                one.check.restore(memory[name])
 
     def choose(self, now: Now) -> None:
         """Choose which robots to follow."""

@@ -10,7 +10,8 @@ went, of which only the size counts, so frames that differ do no harm. It is the
 the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
 |d| - |z θ|. A displacement is frozen if it shows less, with the tolerances of
 `formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays the same bit
-for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
+for bit. The doubt lasts until the displacement changes, or an operator orders a hold. The doubt, and how far
+a displacement has stayed the same bit for bit, outlive the agent (`RelativeMemory`).
 """
 
 from __future__ import annotations
@@ -108,6 +109,28 @@ class Leg:
     """Largest change of the displacement since [m]."""
 
 
+class RelativeDoubt(NamedTuple):
+    """Why a displacement is not believed, and until when."""
+
+    why: Reason
+    since: float
+    """When it began [s, monotonic]."""
+    frozen: complex
+    """The displacement then [m; body frame]."""
+    ends_beyond: float
+    """Change of the displacement that ends it [m]."""
+
+
+class RelativeMemory(NamedTuple):
+    """What the next agent of the robot must know of one neighbour's displacements."""
+
+    doubt: RelativeDoubt | None
+    newest: complex
+    """The newest displacement that was checked [m; body frame]."""
+    missed: float
+    """Change by own motion since it first was the same bit for bit [m]."""
+
+
 @dataclass(slots=True, kw_only=True)
 class RelativeCheckState:
     """What is known of one neighbour's displacements."""
@@ -118,14 +141,12 @@ class RelativeCheckState:
     """Since the displacement last showed motion."""
     equal: Leg = field(default_factory=Leg)
     """Since it last changed at all."""
-    doubt: Reason | None = None
+    missed: float = 0.0
+    """Change by own motion since it first was what it is, bit for bit [m]."""
+    missed_before: float = 0.0
+    """The part of `missed` before `equal` began [m]."""
+    doubt: RelativeDoubt | None = None
     """Why it is not believed."""
-    since: float = -math.inf
-    """When the doubt began [s, monotonic]."""
-    frozen: complex = 0j
-    """The displacement then [m; body frame]."""
-    ends_beyond: float = 0.0
-    """Change of the displacement that ends the doubt [m]."""
 
 
 class RelativeCheck:
@@ -139,11 +160,24 @@ class RelativeCheck:
         self.state = RelativeCheckState()
         self._name, self._offset, self._by_odometry = name, offset, by_odometry
 
+    @property
+    def memory(self) -> RelativeMemory:
+        """What the next agent must know."""
+        return RelativeMemory(self.state.doubt, self.state.equal.first, self.state.missed)
+
+    def restore(self, memory: RelativeMemory) -> None:
+        """Have it know what the check of another agent did."""
+        self.state.doubt, self.state.missed = memory.doubt, memory.missed
+        self.state.equal = Leg(first=memory.newest)
+
     def trust(self, moment: float) -> None:
         """End a doubt: an operator has checked the sensor, or holds the robot."""
-        state = self.state
-        if state.doubt is not None and moment - state.since >= MIN_DOUBT_TIME:
-            state.doubt, state.gaps = None, 0
+        if self.state.doubt is not None and moment - self.state.doubt.since >= MIN_DOUBT_TIME:
+            self._trust()
+
+    def _trust(self) -> None:
+        """Begin anew with the next displacement."""
+        self.state.doubt, self.state.gaps, self.state.missed = None, 0, 0.0
 
     def saw(
         self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
@@ -154,18 +188,19 @@ class RelativeCheck:
         """
         state, seen, now = self.state, displacement + self._offset, tuple(own.recent)
         if state.doubt is not None:
-            if abs(seen - state.frozen) <= state.ends_beyond:
+            if abs(seen - state.doubt.frozen) <= state.doubt.ends_beyond:
                 return
-            state.doubt, state.gaps = None, 0
+            self._trust()
         if anew or state.gaps != own.gaps:
-            state.gaps = own.gaps
-            state.leg, state.equal = Leg(first=seen, own=now, reported=reported), Leg(first=seen, own=now)
+            state.gaps, state.leg = own.gaps, Leg(first=seen, own=now, reported=reported)
+            state.equal, state.missed_before = Leg(first=state.equal.first, own=now), state.missed
         if seen != state.equal.first:
-            state.equal = Leg(first=seen, own=now)
-        leg, equal = state.leg, self._change(state.equal, now)
-        if equal > MAX_EQUAL_MOTION:
-            self._doubt(seen, state.equal, equal, 0.0, now[-1])
+            state.equal, state.missed_before = Leg(first=seen, own=now), 0.0
+        state.missed = state.missed_before + max(0.0, self._change(state.equal, now))
+        if state.missed > MAX_EQUAL_MOTION:
+            self._doubt(seen, state.equal, state.missed, 0.0, now[-1])
             return
+        leg = state.leg
         changed = abs(seen - leg.first)
         leg.farthest = max(leg.farthest, changed)
         if reported is None or leg.reported is None:
@@ -195,9 +230,7 @@ class RelativeCheck:
         return abs(facing.conjugate() * (seen - way) - seen)
 
     def _doubt(self, seen: complex, leg: Leg, least: float, ends_beyond: float, now: Moved) -> None:
-        state = self.state
-        state.since, state.frozen, state.ends_beyond = now.moment, seen, ends_beyond
-        state.doubt = Reason.of(
+        why = Reason.of(
             Code.RELATIVE_FROZEN,
             robot=self._name,
             expected=least,
@@ -205,6 +238,7 @@ class RelativeCheck:
             duration=now.moment - leg.own[-1].moment,
             least=MIN_MOTION_SHARE * least,
         )
+        self.state.doubt = RelativeDoubt(why, now.moment, seen, ends_beyond)
 
 
 def _is_over(leg: Leg, changed: float, least: float, now: Moved) -> bool:

@@ -2,30 +2,31 @@
 
     stops   an operator's stop or hold, and the requests that were answered. It lasts until it is released,
             also across restarts. A file that cannot be read may have been a stop: the robot stands.
-    state   the robot's pose, its odometry's frame, its integral and gains, the voted term, and that it does
-            not move as commanded: else each restart would drive blindly anew. Restored if it is
-            of this robot, mission, law and boot, a minute old at most, and if the first message of the new
-            process follows from it; otherwise the agent starts fresh. It then takes odometry that counts
-            from the start as counted from the start pose. Where the saved state leaves a doubt of that, the
-            robot is held until an operator orders ``run``.
+    state   the robot's pose, its odometry's frame, its integral and gains, and the voted term; and what is
+            known of sensors that may be frozen, else each restart would drive blindly anew. Restored if it
+            is of this robot, mission, law and boot, and a minute old at most; the pose also only if the
+            first message of the new process follows from it. Otherwise the agent starts fresh. It then takes
+            odometry that counts from the start as counted from the start pose. Where the saved state leaves
+            a doubt of that, the robot is held until an operator orders ``run``.
 
-Nothing of neighbours is saved: their messages arrive within a period. `formation.agent.persistence.store` has
-the files.
+An agent that begins again and again is held as well: what takes longer to notice than it runs would never be
+noticed. Nothing of neighbours' messages is saved: they arrive within a period.
+`formation.agent.persistence.persistence` connects this with the files.
 """
 
 from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from formation.agent.core import Agent
 from formation.agent.following.gains import TuningState
+from formation.agent.following.relative_check import RelativeMemory
 from formation.agent.persistence.state import (
     RESTORED,
     BadStateError,
@@ -40,7 +41,8 @@ from formation.agent.persistence.state import (
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.motion_check import Disagreement
 from formation.agent.pose.sources import ExternalPoseState, OdometryState, counts_from_start_pose
-from formation.agent.safety.latch import LatchState
+from formation.agent.safety.latch import HALTED, LatchState
+from formation.agent.safety.scanner import ScanMemory
 from formation.protocol.election import check_term
 from formation.protocol.json_message import Id, Name
 from formation.protocol.order import MAX_GAIN, MIN_GAIN, Mode
@@ -50,16 +52,14 @@ from formation.ros2.messages import Odometry, Pose, decode
 from formation.topics import ODOM, POSE
 from formation.wire import BadMessage, Now, Sample
 
-SAVE_PERIOD = 0.25
-"""Period of saving the state [s]."""
 MAX_STATE_AGE = 60.0
 """Greatest age of a saved state [s]."""
 MAX_INTEGRAL_AGE = 5.0
 """Greatest age of its integral: later the leader may move in another direction [s]."""
-RESTORE_TRIAL_TIME = 10.0
-"""Time after restoring within which a failure of the agent is blamed on the saved state [s]."""
-MAX_SAVE_WAIT = 0.05
-"""Longest time that an acknowledgement waits for its file [s]."""
+RESTARTS_TIME = 60.0
+"""Time over which the starts of a robot's agents are counted [s]."""
+MAX_STARTS = 6
+"""Greatest number of starts within `RESTARTS_TIME`; with more the robot is held."""
 _BEFORE: Mapping[str | None, Code] = {"stop": Code.STOPPED_BEFORE_START, "hold": Code.HELD_BEFORE_START}
 
 
@@ -83,6 +83,8 @@ class Stops(BaseModel):
     """When a stop or a hold was last received [s, monotonic]."""
     answers: dict[str, str]
     """Answers to requests, by kind and id."""
+    why: tuple[str, dict[str, Any]] | None = None
+    """Reason of `mode`, by its code and values, unless an operator asked for it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -106,6 +108,12 @@ class Saved:
     """How the robot's motion differs from its commands."""
     tries: int
     """Number of probes since it was last seen to move."""
+    scans: ScanMemory | None
+    """None without a scanner."""
+    relative: dict[str, RelativeMemory]
+    """By neighbour that a sensor measures."""
+    starts: list[float]
+    """When the last agents of the robot began, this one among them [s, monotonic]."""
 
 
 SAVED = Codec(Saved)
@@ -133,6 +141,7 @@ class Restorer:
         )
         self._saved: Saved | None = None
         self._refused: tuple[Saved, str] | None = None  # a state that is not restored, and why
+        self._starts: list[float] = []  # of the last agents and of this one [s, monotonic]
 
     def take_stops(self, data: bytes, now: Now, where: str) -> Taken:
         """Restore a stop or a hold; `where` is the name of the file.
@@ -144,6 +153,8 @@ class Restorer:
             if stops.robot != self._agent.robot:
                 raise BadStateError(f"it is of {stops.robot}")
             why = Reason(_BEFORE[stops.mode]) if stops.mode in _BEFORE else None
+            if why is not None and stops.why is not None:
+                why = Reason.read(*stops.why)
             rested = self._rested(stops, now)
             drawn = f"saved-{now.mono:.6f}"  # for a file of a version without ids
             stop = (stops.stop or drawn) if stops.mode == "stop" else ""
@@ -160,8 +171,16 @@ class Restorer:
     @property
     def stops(self) -> dict[str, Json]:
         """An operator's requests, to be saved with `json`."""
+        return self._stops(self._agent.state.latch)
+
+    def failed(self, what: str, now: Now) -> dict[str, Json]:
+        """Return the stops of an agent that has failed: its robot is held too, because of `what`."""
         latch = self._agent.state.latch
-        rest, rested = latch.rest, latch.once.rested
+        rest = Rest("" if latch.rest.stop == HALTED else latch.rest.stop, latch.rest.hold)
+        return self._stops(_held(replace(latch, rest=rest), Reason.of(Code.AGENT_FAILS, detail=what), now))
+
+    def _stops(self, latch: LatchState) -> dict[str, Json]:
+        rest, why, rested = latch.rest, latch.why, latch.once.rested
         stops = Stops.model_construct(
             robot=self._agent.robot,
             mode=rest.mode,
@@ -171,6 +190,7 @@ class Restorer:
             boot=self._boot,
             rested="never" if rested == float("-inf") else rested,
             answers=latch.once.answers,
+            why=None if why is None or why.code in _BEFORE.values() else (why.code, dict(why.values)),
         )
         # a version without ids would read a file that has them for nothing as no stop
         return stops.model_dump(exclude_defaults=True)
@@ -187,7 +207,13 @@ class Restorer:
                 self._refused = saved, unfit
             return _anew(unfit)
         self._saved = saved
-        return self._taken(Restored(voted_term=saved.voted_term), "")
+        recent = [one for one in saved.starts if now.mono - one < RESTARTS_TIME]
+        self._starts = [*recent[-MAX_STARTS:], now.mono]
+        restored = Restored(voted_term=saved.voted_term, scans=saved.scans, relative=saved.relative)
+        if len(self._starts) <= MAX_STARTS:
+            return self._taken(restored, "")
+        what = f"its agent began more than {MAX_STARTS} times within {RESTARTS_TIME:g} s"
+        return self._hold(Reason.of(Code.AGENT_FAILS, detail=what), now, restored)
 
     def unreadable(self, why: str, now: Now) -> Taken:
         """Start without a saved state that cannot be read."""
@@ -247,11 +273,10 @@ class Restorer:
 
     def _unplaced(self, why: str, now: Now) -> Taken:
         """Hold the robot until an operator orders run, below a stop that is in force."""
-        latch = self._agent.state.latch
-        reason = Reason.of(Code.UNPLACED, detail=why)
-        rest = Rest(latch.rest.stop, latch.rest.hold or f"unplaced-{now.mono:.6f}")
-        held = LatchState(rest=rest, why=reason if latch.rest.mode is None else latch.why, once=latch.once)
-        return self._taken(Restored(latch=held), str(reason))
+        return self._hold(Reason.of(Code.UNPLACED, detail=why), now, Restored())
+
+    def _hold(self, why: Reason, now: Now, restored: Restored) -> Taken:
+        return self._taken(replace(restored, latch=_held(self._agent.state.latch, why, now)), str(why))
 
     def saved(self, now: Now) -> Json | None:
         """The state to be saved with `json`; None before the robot's first message."""
@@ -259,6 +284,7 @@ class Restorer:
         here = state.here
         if here.stream.arrived is None:
             return None
+        self._starts = self._starts or [now.mono]
         if isinstance(here.source, ExternalPoseState):  # the commands do not tell how it has turned since
             here = replace(here, source=replace(here.source, sent=deque()))
         return SAVED.write(
@@ -274,6 +300,9 @@ class Restorer:
                 tuning=state.tuning,
                 doubt=state.motion.doubt,
                 tries=state.probe.tries,
+                scans=None if self._agent.avoiding.scanner is None else self._agent.avoiding.scanner.memory,
+                relative=self._agent.neighbours.memory,
+                starts=self._starts,
             )
         )
 
@@ -329,6 +358,12 @@ class Restorer:
         )
 
 
+def _held(latch: LatchState, why: Reason, now: Now) -> LatchState:
+    """The same with a hold, below a stop that is in force."""
+    rest = Rest(latch.rest.stop, latch.rest.hold or f"{why.code}-{now.mono:.6f}")
+    return LatchState(rest=rest, why=why if latch.rest.mode is None else latch.why, once=latch.once)
+
+
 def _described(error: Exception) -> str:
     if isinstance(error, ValidationError):
         return explained(error)[:200]
@@ -351,110 +386,3 @@ def _odd(saved: Saved) -> str:
 
 def _anew(why: str) -> Taken:
     return Taken(None, f"starts without the saved state: {why}")
-
-
-class _Files(Protocol):
-    """What is used of a `Store`; a rehearsal has its own."""
-
-    @property
-    def stops(self) -> Path: ...
-    @property
-    def failure(self) -> str: ...
-    def written(self, patience: float) -> bool: ...
-    def write_stops(self, stops: Json) -> None: ...
-    def write_state(self, state: Json) -> None: ...
-    def read_stops(self) -> bytes | None: ...
-    def read_state(self) -> bytes | None: ...
-    def set_state_aside(self) -> Path | None: ...
-
-
-class Persistence:
-    """Connects one agent with the folder of its saved state."""
-
-    def __init__(self, agent: Agent, store: _Files, boot: str) -> None:
-        """`boot` is the id of the time since this machine was switched on or woke; empty if unknown."""
-        self._restorer, self._store = Restorer(agent, boot), store
-        self._due = float("-inf")  # [s, monotonic]
-        self._requested = False  # since the newest step
-        self._error = ""  # why the newest state cannot be saved
-        self._met, self._failed = float("-inf"), False  # when the state was restored [s, monotonic]
-
-    @property
-    def failure(self) -> str:
-        """Why something cannot be saved now; empty if all can."""
-        return self._error or self._store.failure
-
-    def found(self, now: Now) -> Iterator[Taken]:
-        """Restore what was saved; call this before the agent's first request or step."""
-        where = str(self._store.stops)
-        try:
-            stops = self._store.read_stops()
-        except OSError as error:
-            yield self._restorer.doubt(f"{where} cannot be read: {error.strerror or error}", now)
-        else:
-            if stops is not None:
-                yield self._restorer.take_stops(stops, now, where)
-        try:
-            saved = self._store.read_state()
-        except OSError as error:
-            yield self._noted(self._restorer.unreadable(str(error), now))
-        else:
-            if saved is not None:
-                yield self._noted(self._restorer.take_saved(saved, now))
-
-    def met(self, now: Now, inbox: Sequence[Sample]) -> Taken | None:
-        """Restore the state that waits for the robot's first message; call this before a step."""
-        taken = self._restorer.meet(inbox, now) if self._restorer.waits else None
-        if taken is not None and taken.restored is not None and taken.restored.here is not None:
-            self._met = now.mono
-        return None if taken is None else self._noted(taken)
-
-    def _noted(self, taken: Taken) -> Taken:
-        """Have a new hold saved with the next step: it must outlive the next restart too."""
-        if taken.restored is not None and taken.restored.latch is not None:
-            self._requested = True
-        return taken
-
-    def requested(self) -> None:
-        """Note an operator's request; it is saved in the next step, or when `saved` is called."""
-        self._requested = True
-
-    def saved(self) -> bool:
-        """Wait briefly until the request survives a kill; whether it does."""
-        if self._requested:
-            self._store.write_stops(self._restorer.stops)
-        return self._store.written(MAX_SAVE_WAIT)
-
-    def stepped(self, now: Now) -> None:
-        """Save after a step, when the robot has already received its command."""
-        if self._requested:
-            self._requested = False
-            self._store.write_stops(self._restorer.stops)
-        if now.mono >= self._due:
-            self.end(now)
-
-    def failed(self, now: Now) -> str:
-        """Rename the saved state of a failed agent; a sentence naming the file, empty if it was not renamed.
-
-        An agent that fails soon after restoring it would fail again at each start.
-        """
-        if now.mono - self._met > RESTORE_TRIAL_TIME:
-            return ""
-        self._failed = True
-        aside = self._store.set_state_aside()
-        where = f"is now {aside}" if aside else "could not be set aside"
-        return f"failed {now.mono - self._met:.1f} s after it took over saved state, which {where}"
-
-    def end(self, now: Now) -> None:
-        """Save at the end of the agent, or now and then. Never raises."""
-        if self._failed:
-            return
-        self._due = now.mono + SAVE_PERIOD
-        try:
-            saved = self._restorer.saved(now)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the agent drives on
-            self._error = str(error) or type(error).__name__
-            return
-        self._error = ""
-        if saved is not None and not self._restorer.waits:
-            self._store.write_state(saved)

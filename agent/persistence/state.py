@@ -28,9 +28,11 @@ from pydantic_core import core_schema as schemas
 
 from formation.agent.core import Agent, CoreState
 from formation.agent.following.gains import TuningState
+from formation.agent.following.relative_check import RelativeMemory
 from formation.agent.pose.estimator import LocalisationState
 from formation.agent.pose.motion_check import Disagreement
 from formation.agent.safety.latch import LatchState
+from formation.agent.safety.scanner import ScanMemory
 from formation.protocol.reasons import Reason
 from formation.ros2.messages import Message
 
@@ -204,6 +206,9 @@ class Restored:
     """How the robot's motion differed from its commands."""
     tries: int = 0
     """Number of probes since it was last seen to move."""
+    scans: ScanMemory | None = None
+    relative: dict[str, RelativeMemory] | None = None
+    """By neighbour that a sensor measures."""
 
     def into(self, agent: Agent) -> None:
         """Have `agent` take it over. Raises BadStateError; `agent` is then unchanged."""
@@ -221,6 +226,9 @@ class Restored:
         if self.voted_term is not None:
             state.orders.voter.voted_term = self.voted_term
         overwrite(now, state)
+        if self.scans is not None and agent.avoiding.scanner is not None:
+            agent.avoiding.scanner.restore(self.scans)
+        agent.neighbours.restore(self.relative or {})
 
 
 RESTORED = Codec(Restored)

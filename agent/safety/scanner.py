@@ -75,6 +75,17 @@ class Repeated(NamedTuple):
         return self._replace(at=there, facing=self.facing * facing, turn=self.turn + turn)
 
 
+class ScanMemory(NamedTuple):
+    """What the next agent of the robot must know of its scans, to notice a frozen scanner."""
+
+    ended: float
+    """When the newest ended [s, monotonic]."""
+    empty_since: float
+    """Since when no beam has come back [s, monotonic]."""
+    repeated: tuple[Repeated, ...]
+    """The newest that hit something, oldest first."""
+
+
 @dataclass(slots=True, kw_only=True)
 class ScannerState:
     """The newest scan, and the robot's motion since."""
@@ -149,6 +160,15 @@ class Scanner:
         """Width of the free space around the robot: keeps obstacles in sight, and bodies apart [m]."""
         seen_from = self.state.range_min + abs(self._scan.mount.at) - self._radius
         return max(self._margin + self.state.overhang, seen_from + RANGE_NOISE)
+
+    @property
+    def memory(self) -> ScanMemory:
+        """What the next agent must know."""
+        return ScanMemory(self.state.ended, self.state.empty_since, self.state.repeated)
+
+    def restore(self, memory: ScanMemory) -> None:
+        """Have it know what the scanner of another agent did."""
+        self.state.ended, self.state.empty_since, self.state.repeated = memory
 
     def moved(self, moment: float, moving: Command) -> None:
         """Store the speeds that the robot reports at `moment` [s, monotonic].

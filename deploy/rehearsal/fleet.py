@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.state import Json
 from formation.agent.persistence.store import state_in, state_line
 from formation.agent.process import drive

@@ -38,6 +38,7 @@ class Code(StrEnum):
     HELD_BEFORE_START = "held_before_start"
     STOP_UNKNOWN = "stop_unknown"
     UNPLACED = "unplaced"
+    AGENT_FAILS = "agent_fails"
     NO_ORDER = "no_order"
     ORDER_UNSIGNED = "order_unsigned"
     LEADER_LOST = "leader_lost"
@@ -122,6 +123,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.STOPPED_BEFORE_START: "stopped by the operator, before this agent began",
         Code.HELD_BEFORE_START: "held by the operator, before this agent began",
         Code.UNPLACED: "odometry may not count from the start pose; saved state not used: {detail}",
+        Code.AGENT_FAILS: "{detail}: check its log, the robot and its sensors, then order run",
         Code.STOP_UNKNOWN: "{detail}; it may have saved a stop: release the robot if it may drive",
         Code.NO_ORDER: "no order from the leader yet",
         Code.ORDER_UNSIGNED: "{detail}",

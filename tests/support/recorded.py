@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.process import Sides
 from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
 from formation.mission.model import Mission

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.state import Json
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.file import load, parse, read

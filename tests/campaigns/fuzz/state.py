@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.ros2.messages import Twist, TwistStamped, decode

@@ -23,6 +23,8 @@ ADVICE: Mapping[Code, str] = {
     Code.HELD_BEFORE_START: "The hold was saved and is still in force: `run`.",
     Code.UNPLACED: "Put the robot on its start pose and restart its bring-up, then `run`. If its odometry"
     " has gone on counting since it stood there, only `run`.",
+    Code.AGENT_FAILS: "Read the agent's log (`journalctl -u formation-agent`). Check the robot, its place and"
+    " its sensors: the next agent may know of no doubt that this one had. Then `run`.",
     Code.STOP_UNKNOWN: "The file of saved stops cannot be read. `release` the robot if it may drive.",
     Code.NO_ORDER: f"{WAIT} check that the leader runs and that a path of neighbours leads to it.",
     Code.ORDER_UNSIGNED: "Check the leader's certificate, and that no other process gives orders.",

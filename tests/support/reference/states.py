@@ -101,7 +101,7 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
         "an operator's hold is in force",
         [
             _with(latched="hold", why=why)
-            for why in (None, Reason(Code.HELD_BEFORE_START), Reason(Code.UNPLACED))
+            for why in (None, Reason(Code.HELD_BEFORE_START), Reason(Code.UNPLACED), Reason(Code.AGENT_FAILS))
         ],
     ),
     ("the leader orders hold", [_with(order=ORDER.model_copy(update={"mode": "hold"}))]),

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 
 from formation.agent.core import Agent
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.store import Store
 from formation.agent.process import REFUSED_PERIOD, Sides
 from formation.agent.safety.commander import FAREWELL

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from formation.agent.following.relative_check import OwnMotion, RelativeCheck
+from formation.agent.following.relative_check import OwnMotion, RelativeCheck, RelativeMemory
 from formation.agent.simulated.faults import Fault, parse
 from formation.control.observer import Travel
 from formation.control.plane import rotation
@@ -262,6 +262,10 @@ class Watched:
         self.check = RelativeCheck("robot2", 0.0, by_odometry=by_odometry)
         self.own, self.time = OwnMotion(), 0.0
 
+    def restore(self, kept: RelativeMemory) -> None:
+        """Have it know what another check did."""
+        self.check.restore(kept)
+
     def move(self, travel: Travel | None, periods: int, seen: Seen, reported: Seen = lambda _: None) -> bool:
         """Move on for so many `periods`; return whether the sensor is doubted then."""
         for number in range(periods):
@@ -281,8 +285,8 @@ def test_repeated_displacement_is_doubted_while_robot_moves(travel: Travel) -> N
     assert not watched.move(travel, 8, still)
     assert watched.move(travel, 40, still)
     assert watched.check.state.doubt is not None
-    assert watched.check.state.doubt.code is Code.RELATIVE_FROZEN
-    assert "the sensor's robot2 frozen or this robot blocked" in str(watched.check.state.doubt)
+    assert watched.check.state.doubt.why.code is Code.RELATIVE_FROZEN
+    assert "the sensor's robot2 frozen or this robot blocked" in str(watched.check.state.doubt.why)
 
 
 def test_trembling_displacement_is_doubted_beside_standing_neighbour() -> None:
@@ -324,9 +328,11 @@ def test_doubt_ends_with_first_changed_displacement() -> None:
 def test_trust_ends_doubt_only_after_one_second() -> None:
     watched = Watched()
     assert watched.move(AHEAD, 80, still)
-    watched.check.trust(watched.check.state.since + 0.5)
-    assert watched.check.state.doubt is not None
-    watched.check.trust(watched.check.state.since + 1.01)
+    doubt = watched.check.state.doubt
+    assert doubt is not None
+    watched.check.trust(doubt.since + 0.5)
+    assert watched.check.state.doubt is doubt
+    watched.check.trust(doubt.since + 1.01)
     assert watched.check.state.doubt is None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.persistence import Persistence
 from formation.agent.simulated.faults import Fault
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal import rehearsal

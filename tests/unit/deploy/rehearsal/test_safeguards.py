@@ -127,7 +127,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
     "does not wait for the disk": (AVOIDING, "robot1:full@4+5 robot1:stop@5+2", "stop",
         {"deploy.rehearsal.fleet.AgentFiles.written": lambda *_: True}),
     "never writes a stop": (AVOIDING, "robot1:stop@5+3", "stop",
-        {"agent.persistence.restore.Persistence.requested": nothing}),
+        {"agent.persistence.persistence.Persistence.requested": nothing}),
     "forgets a stop": (TRIO, "robot1:stop@3+3", "stop",
         {"deploy.rehearsal.operator.Operator.__init__": orders_followers_only,
          "agent.safety.latch.Latch.mode": property(nothing)}),

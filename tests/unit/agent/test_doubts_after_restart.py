@@ -1,0 +1,153 @@
+"""An agent that is killed or fails: the next one knows which sensors are in doubt, or holds."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.agent.following.relative_check import MAX_EQUAL_MOTION
+from formation.agent.persistence.restore import MAX_STARTS
+from formation.agent.simulated.faults import Fault, with_faults
+from formation.agent.simulated.simulated import kinematic
+from formation.control.observer import Travel
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
+from tests.support.missions import with_robots
+from tests.support.recorded import all_alike, verify
+from tests.support.restarting import SIX, Team, driving, turning_back
+from tests.support.sensing import reset_odometry
+from tests.unit.agent.test_sensing import AHEAD, Watched, still
+
+POSTS = load("posts")
+MEASURED = with_robots("six_robots", measurement="local")
+COUNTING = turning_back(odometry_frame="start")
+
+
+def frozen(mission: Mission, name: str, kind: str) -> Team:
+    """A team in which a sensor of that robot froze 3 s after the start, 2 s ago."""
+    fault = Fault(name, kind, 0.0, 3.0, 1e9)
+    return Team(mission, plants=with_faults(kinematic, [fault])).after(5.0)
+
+
+def path_over_restarts(team: Team, name: str, number: int, lives: float) -> float:
+    """Distance that a robot drives while its agent is killed so often, each time `lives` [s] later [m]."""
+    before = team.plant(name).path
+    for _ in range(number):
+        team.replace(name, 0.5)
+        team.run(lives)
+    return team.plant(name).path - before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mission", "name", "kind", "code"),
+    [
+        (POSTS, "robot1", "scan_frozen", Code.SCAN_FROZEN),
+        (MEASURED, "robot3", "relative_frozen", Code.RELATIVE_FROZEN),
+        (SIX, "robot3", "frozen", Code.MOTION_FROZEN),
+    ],
+    ids=["scanner", "sensor of neighbours", "odometry"],
+)
+def test_robot_with_frozen_sensor_stands_over_restarts(
+    mission: Mission, name: str, kind: str, code: Code
+) -> None:
+    team = frozen(mission, name, kind)
+    assert team.status(name).reason.code is code
+    assert path_over_restarts(team, name, 4, 2.0) < 0.03
+    assert team.status(name).reason.code is code
+    assert all_alike(verify(mission, team.record))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mission", "name", "kind"), [(POSTS, "robot1", "scan_frozen"), (MEASURED, "robot3", "relative_frozen")]
+)
+def test_frozen_sensor_is_noticed_by_agents_that_live_shortly(mission: Mission, name: str, kind: str) -> None:
+    fault = Fault(name, kind, 0.0, 3.0, 1e9)
+    team = Team(mission, plants=with_faults(kinematic, [fault])).after(3.0)
+    path_over_restarts(team, name, MAX_STARTS - 2, 0.8)
+    assert path_over_restarts(team, name, 1, 3.0) < 0.1
+    assert team.status(name).reason.code in {Code.SCAN_FROZEN, Code.RELATIVE_FROZEN}
+
+
+def test_equal_displacements_are_counted_across_gaps_and_agents() -> None:
+    watched, unknown = Watched(), None
+    for _ in range(4):
+        watched.move(AHEAD, int(0.5 * MAX_EQUAL_MOTION / abs(AHEAD.displacement)), still)
+        watched.move(unknown, 1, still)
+        kept = watched.check.memory
+        if kept.doubt is not None:
+            break
+        watched = Watched()
+        watched.restore(kept)
+    assert kept.doubt is not None
+    watched = Watched()
+    watched.restore(kept)
+    assert watched.move(Travel(0.0, 0.0, 0j), 100, still)
+    assert not watched.move(AHEAD, 1, lambda _: 2.0 + 0j)
+    assert not watched.move(AHEAD, 5, lambda _: 2.0 + 0j)
+
+
+def test_agent_that_begins_again_and_again_holds_until_run() -> None:
+    team = driving(seconds=4.0)
+    for _ in range(MAX_STARTS):
+        assert team.agents["robot3"].decision.state is AgentState.RUN
+        team.replace("robot3", 0.2)
+        team.run(1.0)
+    decision = team.status("robot3")
+    assert decision.reason.code is Code.AGENT_FAILS
+    assert "began more than 6 times within 60 s: check its log" in str(decision.reason)
+    assert team.last_command("robot3") == (0.0, 0.0)
+    team.run(60.0)
+    team.replace("robot3", 0.2)  # the hold outlives that, and its reason
+    team.run(1.0)
+    assert team.status("robot3").reason.code is Code.AGENT_FAILS
+    assert team.tell("robot3", "run").ok
+    team.run(1.0)
+    assert team.agents["robot3"].decision.state is AgentState.RUN
+    assert all_alike(verify(SIX, team.record))
+
+
+def failed_after_restart(team: Team) -> None:
+    """Have the agent of robot3 restart, and fail by an exception 2 s later."""
+    team.replace("robot3", 0.5)
+    team.run(2.0)
+    sides = team.loop("robot3").sides
+    for out in sides.halt(team.moment, "failed"):
+        assert out.payload
+    sides.failed(team.moment)
+    sides.end(team.moment)
+
+
+def test_robot_holds_after_failure_with_odometry_placed_anew() -> None:
+    team = Team(COUNTING).after(8.0)
+    reset_odometry(team.world._hosted["robot3"].plant)
+    team.run(2.0)
+    for _ in range(2):
+        failed_after_restart(team)
+        assert "state" not in team.drawers["robot3"].texts
+        team.replace("robot3", 0.5)
+        team.run(3.0)
+        assert team.status("robot3").reason.code is Code.AGENT_FAILS
+        assert team.last_command("robot3") == (0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_failure_keeps_the_stop_in_force() -> None:
+    team = driving()
+    assert team.tell("robot3", "stop").ok
+    failed_after_restart(team)
+    team.replace("robot3", 0.5)
+    team.run(1.0)
+    assert team.status("robot3").reason.code is Code.STOPPED_BEFORE_START
+    assert team.tell("robot3", "release").ok
+    assert team.tell("robot3", "query").hold
+
+
+@pytest.mark.slow
+def test_state_stays_while_the_hold_of_a_failure_cannot_be_saved() -> None:
+    team = driving()
+    team.drawers["robot3"].failure = "no space left on device"
+    failed_after_restart(team)
+    assert "state" in team.drawers["robot3"].texts
