@@ -243,7 +243,7 @@ class Agent:
         if self._rests_by_operator:
             self._probe.rearm()
             self.neighbours.trust_all(now.mono)
-            self.here.trust_localiser()
+            self.here.trust()
         if self.decision.state is not decided:
             self.state.status_due = now.mono
         if self._tells_position:  # here, as a replica of this agent only acts

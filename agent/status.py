@@ -74,6 +74,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         motion=state.motion.doubt,
         probe_blocked=state.probe.blocked,
         frozen=state.wakefulness.pause,
+        missing=_missing(agent),
         finite=state.finite,
         rival=now.mono - state.rival <= max(RIVAL_HOLD_TIME, here.stream.limit),
         mission=agent.mission.tag,
@@ -82,6 +83,16 @@ def facts(agent: Agent, now: Now) -> Facts:
         scan_limit=math.inf if scanner is None else scanner.stream.limit,
         scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
     )
+
+
+def _missing(agent: Agent) -> tuple[str, ...]:
+    """What has not been received since this process was frozen."""
+    state = agent.state
+    came = {
+        agent.here.source: state.here.follows,
+        "orders of the leader": state.orders.rose > state.wakefulness.woke,
+    }
+    return tuple(what for what, here in came.items() if not here)
 
 
 def _relative_doubt(agent: Agent, now: Now) -> Reason | None:

@@ -161,11 +161,14 @@ class Localisation:
             return Reason.of(Code.POSITION_TOO_FAR, source=self.source, limit=MAX_POSITION)
         if self.map_frame is not None and (lost := self.map_frame.doubt) is not None:
             return lost
-        learned = self._watches and abs(state.estimate) > LEARNED_ESTIMATE_LENGTH
+        return Reason.of(Code.HEADING_CONTRADICTED, source=self.source) if self._contradicts else None
+
+    @property
+    def _contradicts(self) -> bool:
+        """Whether the measured heading contradicts the robot's motion."""
+        learned = self._watches and abs(self.state.estimate) > LEARNED_ESTIMATE_LENGTH
         # from 90 degrees on the law drives a robot away from its slot
-        if learned and (state.measured.conjugate() * state.estimate).real < 0.0:
-            return Reason.of(Code.HEADING_CONTRADICTED, source=self.source)
-        return None
+        return learned and (self.state.measured.conjugate() * self.state.estimate).real < 0.0
 
     @property
     def correction(self) -> float:
@@ -279,8 +282,10 @@ class Localisation:
             if last is not None:
                 self._relocalised(self.map_frame.take_transforms(transforms, WORLD_FRAME, last.frame))
 
-    def trust_localiser(self) -> None:
-        """Believe the localiser again, as `MapFrame.trust`: an order holds the robot."""
+    def trust(self) -> None:
+        """Believe localiser (`MapFrame.trust`) and measured heading again: an order holds the robot."""
+        if self._contradicts:
+            self.state.estimate = 0j
         if self.map_frame is not None:
             self._relocalised(self.map_frame.trust())
 

@@ -3,7 +3,8 @@
 Stand and measure, move a little, stand and measure again, twice. The mean of many measurements before and
 after is far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits
 double, lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault
-lasts.
+lasts. The time over which measurements are averaged grows with the waits, so that noise does not hide the
+shorter probes.
 A try counts when its motion begins, so that one which is interrupted counts too. The motion must be seen as
 soon as measurements may be old, and nothing may move afterwards: a late sensor shows all of it, but later.
 """
@@ -33,8 +34,10 @@ FIRST_WAIT = 1.0
 """Before the first probe [s]; twice as long before each following one."""
 MAX_DOUBLINGS = 12
 """How often the wait doubles, to little more than an hour."""
-AVERAGING_TIME = 0.5
-"""Time over which measurements are averaged [s]."""
+MIN_AVERAGING_TIME = 0.5
+"""Shortest time over which measurements are averaged [s]."""
+AVERAGING_SHARE = 0.125
+"""Share of a probe's wait over which measurements are averaged."""
 MAX_PROBE_TIME = 4.0
 """Longest duration of a probe [s]: the collision filter may leave it no room."""
 MIN_MOVED_SHARE = 0.5
@@ -222,12 +225,9 @@ class Probe:
         turns = doubt.kind in TURNS
         if state.phase is Phase.OFF:
             self._enter(Phase.WAITS, moment)
-        elif (
-            state.phase is Phase.WAITS
-            and over >= FIRST_WAIT * 2.0 ** min(state.tries, MAX_DOUBLINGS) - AVERAGING_TIME
-        ):
+        elif state.phase is Phase.WAITS and over >= _wait(state.tries) - _averaging(state.tries):
             self._look(moment)
-        elif state.phase is Phase.BEFORE and over >= AVERAGING_TIME:
+        elif state.phase is Phase.BEFORE and over >= _averaging(state.tries):
             wish = wanted.turn_rate if turns else wanted.speed
             forward = -1.0 if wish < 0.0 else 1.0
             state.direction = -state.direction if state.blocked else forward
@@ -247,7 +247,7 @@ class Probe:
                 self._enter(Phase.SETTLES, moment)
         elif state.phase is Phase.SETTLES and over >= self._settling:
             self._enter(Phase.AFTER, moment)
-        elif state.phase is Phase.AFTER and over >= AVERAGING_TIME:
+        elif state.phase is Phase.AFTER and over >= _averaging(state.tries - 1):
             self._enter(Phase.STANDS, moment)
         if not self.moves:
             return Command(0.0, 0.0)
@@ -266,7 +266,8 @@ class Probe:
 
         `speeds`: they are reported.
         """
-        if self.state.phase is not Phase.STANDS or moment - self.state.since < AVERAGING_TIME:
+        state = self.state
+        if state.phase is not Phase.STANDS or moment - state.since < _averaging(state.tries - 1):
             return None
         self._enter(Phase.WAITS, moment)
         return self._seen(doubt, speeds=speeds) and self._delay(doubt) <= limit
@@ -310,6 +311,16 @@ class Probe:
 
     def _enter(self, phase: Phase, moment: float) -> None:
         self.state.phase, self.state.since = phase, moment
+
+
+def _wait(tries: int) -> float:
+    """Time before the next probe after so many [s]."""
+    return FIRST_WAIT * 2.0 ** min(tries, MAX_DOUBLINGS)
+
+
+def _averaging(tries: int) -> float:
+    """Time over which measurements before and after that probe are averaged [s]."""
+    return max(MIN_AVERAGING_TIME, AVERAGING_SHARE * _wait(tries))
 
 
 def _follows(seen: float, expected: float, unsure: float) -> bool:

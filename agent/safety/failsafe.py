@@ -88,6 +88,8 @@ class Facts(NamedTuple):
     """Whether the leader itself is among the neighbours, and silent."""
     frozen: float = 0.0
     """Time for which this process was frozen, until enough has been received since [s]; 0 if it was not."""
+    missing: tuple[str, ...] = ()
+    """What has not been received since then."""
     motion: Disagreement | None = None
     """How the robot's motion differs from its commands."""
     probe_blocked: bool = False
@@ -218,7 +220,7 @@ TABLE: tuple[Row, ...] = (
     Row(
         lambda f: f.frozen > 0.0,
         AgentState.WAITING,
-        lambda f: Reason.of(Code.PROCESS_FROZEN, duration=f.frozen),
+        lambda f: Reason.of(Code.PROCESS_FROZEN, duration=f.frozen, missing=f.missing),
         own=True,
     ),
     Row(

@@ -28,7 +28,8 @@ CLEAR_SHARE = 0.8
 """Share of the limit below which a robot that holds for its position's age may continue."""
 RECOVERY_TIME = 0.5
 """Time below that share after which it continues [s]."""
-
+MAX_RECOVERY_TIME = 10.0
+"""Time below the limit itself after which it continues [s]: the normal age may be near the limit."""
 
 LATE_GAIN = 4.0
 """Gain down to which a law without integral is lowered for late positions; then the robot holds [1/s]."""
@@ -140,19 +141,21 @@ class Trust(NamedTuple):
     """Whether it is too old."""
     since: float = -math.inf
     """Since when it has been well under the limit again [s, monotonic]."""
+    below: float = -math.inf
+    """Since when it has been under the limit again [s, monotonic]."""
 
 
 def trusted(before: Trust, age: float, limit: float, moment: float) -> Trust:
     """Whether a position that is `age` [s] old when it comes may be acted on at `moment` [s, monotonic].
 
     Over `limit` [s] it may not; then not again before it has stayed under `CLEAR_SHARE` of it for
-    `RECOVERY_TIME`.
+    `RECOVERY_TIME`, or under it for `MAX_RECOVERY_TIME`.
     """
     if age > limit:
-        return Trust(held=True, since=math.inf)
+        return Trust(held=True, since=math.inf, below=math.inf)
     if not before.held:
         return before
-    if age > CLEAR_SHARE * limit:
-        return Trust(held=True, since=math.inf)
-    since = min(before.since, moment)
-    return Trust(held=moment - since < RECOVERY_TIME, since=since)
+    since = min(before.since, moment) if age <= CLEAR_SHARE * limit else math.inf
+    below = min(before.below, moment)
+    held = moment - since < RECOVERY_TIME and moment - below < MAX_RECOVERY_TIME
+    return Trust(held=held, since=since, below=below)

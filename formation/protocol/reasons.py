@@ -135,7 +135,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.NO_LISTENER: "the robot does not listen to cmd_vel:"
         " restart its bring-up and the bridge together",
         Code.SECOND_AGENT: "another agent commands this robot: end one of the two",
-        Code.PROCESS_FROZEN: "this process was frozen for {duration:.1f} s: waiting for new messages",
+        Code.PROCESS_FROZEN: "this process was frozen for {duration:.1f} s; waits for new {missing:names}",
         Code.OUTSIDE_BOUNDS: "outside the bounds: {axis} = {value:.2f} m, limit {limit:.2f} m;"
         " bring it back inside, or widen the mission's [bounds]",
         Code.RUNNING: "in formation control",
@@ -144,7 +144,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s:"
         " check what publishes it, and its clock (chrony)",
         Code.POSITION_WAS_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s;"
-        " goes on when it stays below",
+        " goes on within 10 s if it stays below",
         Code.NOT_LOCALISED: "not localised in the map yet: give the localiser an initial pose",
         Code.LOCALISER_SILENT: "no pose of the localiser for {distance:.1f} m; limit {limit:g} m:"
         " check that it runs, and that its messages reach the agent",
@@ -154,7 +154,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_JUMPED: "{source} jumped by {distance:.2f} m",
         Code.HEADING_JUMPED: "{source} jumped by {angle:+.2f} rad",
         Code.POSITION_TOO_FAR: "{source} is beyond ±{limit:g} m",
-        Code.HEADING_CONTRADICTED: "{source} has a heading against the direction in which the robot moves",
+        Code.HEADING_CONTRADICTED: "{source} has a heading against the direction in which the robot moves:"
+        " check how it is mounted, and the motors, then order hold and run",
         Code.POSITION_GAP: "no two {source} messages within {limit:.2f} s",
         Code.NO_SCAN: "no range scan yet",
         Code.SCAN_SILENT: "range scan silent for {age:.2f} s; limit {limit:.2f} s",
@@ -175,7 +176,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.RELATIVE_LATE: "the sensor's {robot} was {age:.2f} s old when it came; limit {limit:.2f} s:"
         " check what measures it, and its clock (chrony)",
         Code.RELATIVE_WAS_LATE: "the sensor's {robot} was {age:.2f} s old when it came; limit {limit:.2f} s;"
-        " goes on when it stays below",
+        " goes on within 10 s if it stays below",
         Code.RELATIVE_FROZEN: "the sensor's {robot} frozen or this robot blocked: displacement changed"
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",

@@ -37,6 +37,7 @@ def warnings(mission: Mission) -> Iterator[str]:
     """Faults with which it will not work well."""
     yield from _little_reserve(mission)
     yield from _weaker_body(mission)
+    yield from _waits_for_ever(mission)
     yield from out_of_bounds(mission)
 
 
@@ -130,6 +131,19 @@ def _weaker_body(mission: Mission) -> Iterator[str]:
                 f"{key} of {_list(over)} is above the simulated robot's {limit:g} {unit}: "
                 "the law does not know when the body saturates; should be at most that"
             )
+
+
+def _waits_for_ever(mission: Mission) -> Iterator[str]:
+    """A leader that waits by positions which drift while the robots are in place by their own sensors."""
+    waited = [name for name in mission.followers if name in mission.waited_for]
+    robots = mission.robots
+    drift = [n for n in waited if (robots[n].measurement, robots[n].localisation) == ("local", "odometry")]
+    if drift and mission.cohesion is not None and mission.cohesion.patience is None:
+        yield (
+            f'cohesion.patience is missing, and {_list(drift)} have measurement = "local": positions they'
+            " publish drift with their odometry, so the leader may wait for ever for robots in their places;"
+            " set it, for example to 20 (seconds)"
+        )
 
 
 def out_of_bounds(mission: Mission) -> Iterator[str]:

@@ -35,7 +35,8 @@ ADVICE: Mapping[Code, str] = {
     Code.NO_LINK: "Start the robot's bridge or router; check `robot_endpoint`.",
     Code.NO_LISTENER: "Restart the robot's bring-up together with its bridge or router.",
     Code.SECOND_AGENT: "End one of the two agents.",
-    Code.PROCESS_FROZEN: "Nothing; it goes on by itself. If it recurs, check the machine's load.",
+    Code.PROCESS_FROZEN: "Nothing; it goes on by itself when what it waits for comes. If it recurs, check the"
+    " machine's load.",
     Code.OUTSIDE_BOUNDS: "Bring the robot back inside, or widen `[bounds]`.",
     Code.RUNNING: "Nothing.",
     Code.NO_POSITION: f"{WAIT} check what publishes odometry or the external pose.",
@@ -50,7 +51,8 @@ ADVICE: Mapping[Code, str] = {
     Code.POSITION_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
     Code.HEADING_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
     Code.POSITION_TOO_FAR: "Check what publishes the position: its unit must be metres.",
-    Code.HEADING_CONTRADICTED: "Check how the marker or sensor is mounted on the robot.",
+    Code.HEADING_CONTRADICTED: "Check how the marker or sensor is mounted on the robot, and that no motors"
+    " are swapped. Then `hold`, and `run`.",
     Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check the rate of the position.",
     Code.NO_SCAN: f"{WAIT} check the scanner's driver.",
     Code.SCAN_SILENT: "Check the scanner and its driver.",

@@ -154,6 +154,18 @@ def test_flipped_measured_heading_stops_robot() -> None:
     assert fleet.error() < 0.01
 
 
+@pytest.mark.slow
+def test_order_to_hold_and_run_ends_a_contradicted_heading() -> None:
+    fleet = Fleet.under_way(MEASURED, 5.0)
+    here = fleet.agents["robot1"].here.state
+    here.estimate = -here.measured
+    for do, code in (("", Code.HEADING_CONTRADICTED), ("hold", Code.HELD_BY_LEADER), ("run", Code.RUNNING)):
+        if do:
+            assert fleet.ask("leader", do).ok
+        fleet.run(3.0)
+        assert fleet.status("robot1").reason.code is code
+
+
 @pytest.mark.parametrize("degrees", [110, *slow(180, -140)])
 def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) -> None:
     off = cmath.rect(1.0, math.radians(degrees))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 
 from formation.agent.pose.motion_check import Disagreement
 from formation.agent.pose.motion_model import Modelled
 from formation.agent.pose.probe import MAX_PROBE_TIME, Probe
 from formation.control.controller import Limits
+from formation.control.observer import Travel
 from formation.control.unicycle import AT_REST, Command
 from formation.protocol.status import MotionFault
+from tests.support.examples import slow
 
 DOUBT = Disagreement(MotionFault.SPEEDS, 0.1, 0.0, 0.4)
 WANTED = Command(0.2, 0.0)
@@ -41,6 +45,30 @@ def test_probe_after_one_without_room_goes_the_other_way() -> None:
     assert stepped(probe, 0.0, 7.0, room=False) > 0.0
     assert stepped(probe, 7.0, 8.0, room=False) < 0.0
     assert stepped(probe, 15.0, 20.0, room=True) > 0.0
+
+
+def seen_after(tries: int, noise: float, *, frozen: bool) -> bool:
+    """Whether the probe after so many is seen by a sensor with `noise` [m; standard deviation per axis]."""
+    probe, random = Probe(Limits(offset=0.1, max_speed=0.2, max_turn_rate=2.0), AT_REST, 0.4), Random(tries)
+    probe.state.tries = tries
+    moment = ahead = last = 0.0
+    while moment < 2.0 ** (tries + 2) + 10.0:
+        model = Modelled(moment, ahead + 0j, 1.0 + 0j, ahead, 0.0, abs(ahead), 0.0)
+        now = random.gauss(0.0 if frozen else ahead, noise)
+        probe.saw(moment, Travel(now - last, 0.0, complex(now - last)), model)
+        last = now
+        seen = probe.verdict(moment, DOUBT, 1.0, speeds=False)
+        if seen is not None:
+            return seen
+        ahead += PERIOD * probe.step(moment, DOUBT, model, WANTED).speed
+        moment += PERIOD
+    raise AssertionError("no probe ends")
+
+
+@pytest.mark.parametrize("tries", [0, 3, *slow(5, 6, 8)])
+def test_noise_of_2_mm_hides_no_probe_however_short(tries: int) -> None:
+    assert seen_after(tries, 0.002, frozen=False)
+    assert not seen_after(tries, 0.002, frozen=True)
 
 
 def test_probe_with_room_and_rearming_end_the_blockage() -> None:

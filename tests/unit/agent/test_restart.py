@@ -426,8 +426,9 @@ def test_thawed_agent_sends_zero_first(leader_dies: bool) -> None:
     assert fleet.agents["robot4"].decision.reason.code is Code.PROCESS_FROZEN
     assert any("waited while" in why for why in fleet.agents["robot4"].inbox.state.last_dropped.values())
     fleet.run(2.0)
-    state = fleet.agents["robot4"].decision.state
-    assert (state is AgentState.RUN) is not leader_dies
+    decision = fleet.agents["robot4"].decision
+    assert (decision.state is AgentState.RUN) is not leader_dies
+    assert not leader_dies or str(decision.reason).endswith("waits for new orders of the leader")
 
 
 def test_short_pause_does_not_count_as_freeze() -> None:

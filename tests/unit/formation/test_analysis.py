@@ -185,7 +185,7 @@ def changed(mission: Mission, **tables: Any) -> Mission:
     for robot in data["robots"].values():
         robot.update(tables.get("robot", {}))
     for key in tables.keys() - {"robot"}:
-        data[key] = data[key] | tables[key] if isinstance(tables[key], dict) else tables[key]
+        data[key] = (data.get(key) or {}) | tables[key] if isinstance(tables[key], dict) else tables[key]
     return Mission.model_validate(data)
 
 
@@ -237,6 +237,10 @@ def test_problem_names_robots_keys_values_and_legal_values(mission: Mission, res
         (changed(PAIR, simulated_robot={"max_speed": 0.2}), "max_speed of robot2, robot3 is above"),
         (changed(PAIR, robot={"rate": 5.0}, law={"gain": 4.0}), "delay margin"),
         (changed(load("six_robots"), simulation={"horizon": 2.0}), "does not settle within 2 s"),
+        (
+            changed(PAIR, robot={"measurement": "local"}, cohesion={"error": 0.3}),
+            "robot2, robot3 have measurement",
+        ),
     ],
 )
 def test_analysis_warns_of_mission_that_works_badly(mission: Mission, result: str) -> None:

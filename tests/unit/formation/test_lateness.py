@@ -12,6 +12,7 @@ from formation.protocol.lateness import (
     CLEAR_SHARE,
     MAX_CLOCK_DRIFT,
     MAX_LATENESS_SPREAD,
+    MAX_RECOVERY_TIME,
     RECOVERY_TIME,
     SETTLED_TIME,
     Count,
@@ -89,6 +90,18 @@ def test_own_age_limit_is_half_the_delay_margin(
 def test_own_age_limit_is_bounded() -> None:
     assert own_age_limit(1, 0.1, 0.01, 20.0, 0.5) == 0.5
     assert own_age_limit(0, 2.0, 1.0, 20.0, 0.5) == 0.5
+
+
+def test_trust_returns_for_ages_that_stay_near_the_limit() -> None:
+    trust, moment = trusted(Trust(), 0.31, 0.3, 0.0), 0.0
+    while trust.held:
+        moment += 0.05
+        trust = trusted(trust, 0.29, 0.3, moment)
+        assert moment < 11.0
+    assert moment >= MAX_RECOVERY_TIME
+    again = trusted(trusted(trust, 0.31, 0.3, 20.0), 0.29, 0.3, 21.0)
+    assert again.held
+    assert not trusted(again, 0.29, 0.3, 21.0 + MAX_RECOVERY_TIME).held
 
 
 def test_trust_has_hysteresis() -> None:

@@ -159,7 +159,7 @@ def test_status_with_illegal_value_is_refused(key: str, value: str) -> None:
 def test_published_numbers_are_finite(age: float, sent: float) -> None:
     status = status_codec.encode(dataclasses.replace(RUNS, age={"robot2": age}))
     assert status_codec.decode(AgentStatus, status).age == {"robot2": sent}
-    assert Reason.of(Code.PROCESS_FROZEN, duration=age).values == {"duration": sent}
+    assert Reason.of(Code.SCAN_SILENT, age=age, limit=1.0).values == {"age": sent, "limit": 1.0}
 
 
 @given(why)
