@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation.agent.following.relative_check import MAX_EQUAL_MOTION
-from formation.agent.persistence.restore import MAX_STARTS
+from formation.agent.persistence import restore
 from formation.agent.simulated.faults import Fault, with_faults
 from formation.agent.simulated.simulated import kinematic
 from formation.control.observer import Travel
@@ -13,6 +13,7 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
+from tests.support.examples import slow
 from tests.support.missions import with_robots
 from tests.support.recorded import all_alike, verify
 from tests.support.restarting import SIX, Team, driving, turning_back
@@ -66,7 +67,7 @@ def test_robot_with_frozen_sensor_stands_over_restarts(
 def test_frozen_sensor_is_noticed_by_agents_that_live_shortly(mission: Mission, name: str, kind: str) -> None:
     fault = Fault(name, kind, 0.0, 3.0, 1e9)
     team = Team(mission, plants=with_faults(kinematic, [fault])).after(3.0)
-    path_over_restarts(team, name, MAX_STARTS - 2, 0.8)
+    path_over_restarts(team, name, 4, 0.8)
     assert path_over_restarts(team, name, 1, 3.0) < 0.1
     assert team.status(name).reason.code in {Code.SCAN_FROZEN, Code.RELATIVE_FROZEN}
 
@@ -89,17 +90,19 @@ def test_equal_displacements_are_counted_across_gaps_and_agents() -> None:
     assert not watched.move(AHEAD, 5, lambda _: 2.0 + 0j)
 
 
-def test_agent_that_begins_again_and_again_holds_until_run() -> None:
+def test_agent_that_begins_again_and_again_holds_until_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(restore, "MAX_STARTS", 2)
+    monkeypatch.setattr(restore, "RESTARTS_TIME", 3.0)
     team = driving(seconds=4.0)
-    for _ in range(MAX_STARTS):
+    for _ in range(3):
         assert team.agents["robot3"].decision.state is AgentState.RUN
         team.replace("robot3", 0.2)
         team.run(1.0)
     decision = team.status("robot3")
     assert decision.reason.code is Code.AGENT_FAILS
-    assert "began more than 6 times within 60 s: check its log" in str(decision.reason)
+    assert "began more than 2 times within 3 s: check its log" in str(decision.reason)
     assert team.last_command("robot3") == (0.0, 0.0)
-    team.run(60.0)
+    team.run(3.0)
     team.replace("robot3", 0.2)  # the hold outlives that, and its reason
     team.run(1.0)
     assert team.status("robot3").reason.code is Code.AGENT_FAILS
@@ -120,15 +123,16 @@ def failed_after_restart(team: Team) -> None:
     sides.end(team.moment)
 
 
-def test_robot_holds_after_failure_with_odometry_placed_anew() -> None:
-    team = Team(COUNTING).after(8.0)
+@pytest.mark.parametrize("times", [1, *slow(2)])
+def test_robot_holds_after_failure_with_odometry_placed_anew(times: int) -> None:
+    team = Team(COUNTING).after(4.0)
     reset_odometry(team.world._hosted["robot3"].plant)
-    team.run(2.0)
-    for _ in range(2):
+    team.run(1.0)
+    for _ in range(times):
         failed_after_restart(team)
         assert "state" not in team.drawers["robot3"].texts
         team.replace("robot3", 0.5)
-        team.run(3.0)
+        team.run(1.0)
         assert team.status("robot3").reason.code is Code.AGENT_FAILS
         assert team.last_command("robot3") == (0.0, 0.0)
 
