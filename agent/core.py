@@ -26,7 +26,7 @@ from formation.agent.pose.probe import Probe, ProbeState
 from formation.agent.safety import failsafe
 from formation.agent.safety.commander import Commander, CommanderState
 from formation.agent.safety.failsafe import Decision
-from formation.agent.safety.latch import HALTED, Latch, LatchState
+from formation.agent.safety.latch import HALTED, Latch, LatchState, is_own
 from formation.agent.status import Surroundings, facts, status
 from formation.control.controller import error
 from formation.control.laws import LAWS
@@ -258,7 +258,7 @@ class Agent:
         """
         ordered = self.orders.newest
         if self.latch.mode is not None or ordered is None:
-            return self.latch.mode is not None
+            return self.latch.mode is not None and not is_own(self.latch.state.why)
         return ordered.mode == "stop" or (ordered.mode == "hold" and ordered.holding)
 
     @property

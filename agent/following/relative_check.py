@@ -163,12 +163,21 @@ class RelativeCheck:
     @property
     def memory(self) -> RelativeMemory:
         """What the next agent must know."""
-        return RelativeMemory(self.state.doubt, self.state.equal.first, self.state.missed)
+        return RelativeMemory(self.state.doubt, self.state.equal.first, self._kept)
+
+    @property
+    def _kept(self) -> float:
+        """Change that a displacement has certainly missed before the next leg [m].
+
+        What noise of external poses may be does not count: it would add up at rest.
+        """
+        state = self.state
+        return state.missed_before + max(0.0, state.missed - state.missed_before - POSITION.still_min)
 
     def restore(self, memory: RelativeMemory) -> None:
         """Have it know what the check of another agent did."""
-        self.state.doubt, self.state.missed = memory.doubt, memory.missed
-        self.state.equal = Leg(first=memory.newest)
+        self.state.doubt, self.state.equal = memory.doubt, Leg(first=memory.newest)
+        self.state.missed = self.state.missed_before = memory.missed
 
     def trust(self, moment: float) -> None:
         """End a doubt: an operator has checked the sensor, or holds the robot."""
@@ -177,7 +186,8 @@ class RelativeCheck:
 
     def _trust(self) -> None:
         """Begin anew with the next displacement."""
-        self.state.doubt, self.state.gaps, self.state.missed = None, 0, 0.0
+        state = self.state
+        state.doubt, state.gaps, state.missed, state.missed_before = None, 0, 0.0, 0.0
 
     def saw(
         self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
@@ -193,7 +203,7 @@ class RelativeCheck:
             self._trust()
         if anew or state.gaps != own.gaps:
             state.gaps, state.leg = own.gaps, Leg(first=seen, own=now, reported=reported)
-            state.equal, state.missed_before = Leg(first=state.equal.first, own=now), state.missed
+            state.equal, state.missed_before = Leg(first=state.equal.first, own=now), self._kept
         if seen != state.equal.first:
             state.equal, state.missed_before = Leg(first=seen, own=now), 0.0
         state.missed = state.missed_before + max(0.0, self._change(state.equal, now))

@@ -31,6 +31,8 @@ class _Files(Protocol):
     def stops(self) -> Path: ...
     @property
     def failure(self) -> str: ...
+    @property
+    def stops_failed(self) -> bool: ...
     def written(self, patience: float) -> bool: ...
     def write_stops(self, stops: Json) -> None: ...
     def write_state(self, state: Json) -> None: ...
@@ -47,6 +49,7 @@ class Persistence:
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]
         self._requested = False  # since the newest step
+        self._retry = float("-inf")  # when stops that could not be written are tried again [s, monotonic]
         self._unsaved = False  # whether a hold of its own may not be saved yet
         self._error = ""  # why the newest state cannot be saved
         self._met, self._failed = float("-inf"), False  # when the state was restored [s, monotonic]
@@ -69,22 +72,22 @@ class Persistence:
         try:
             saved = self._store.read_state()
         except OSError as error:
-            yield self._noted(self._restorer.unreadable(str(error), now))
+            yield self._noted(self._restorer.unreadable(str(error), now), now)
         else:
             if saved is not None:
-                yield self._noted(self._restorer.take_saved(saved, now))
+                yield self._noted(self._restorer.take_saved(saved, now), now)
 
     def met(self, now: Now, inbox: Sequence[Sample]) -> Taken | None:
         """Restore the state that waits for the robot's first message; call this before a step."""
         taken = self._restorer.meet(inbox, now) if self._restorer.waits else None
-        if taken is not None and taken.restored is not None and taken.restored.here is not None:
-            self._met = now.mono
-        return None if taken is None else self._noted(taken)
+        return None if taken is None else self._noted(taken, now)
 
-    def _noted(self, taken: Taken) -> Taken:
+    def _noted(self, taken: Taken, now: Now) -> Taken:
         """Have a new hold saved with the next step: it must outlive the next restart too."""
-        if taken.restored is not None and taken.restored.latch is not None:
-            self._requested = self._unsaved = True
+        if taken.restored is not None:
+            self._met = now.mono
+            if taken.restored.latch is not None:
+                self._requested = self._unsaved = True
         return taken
 
     def requested(self) -> None:
@@ -98,9 +101,12 @@ class Persistence:
         return self._store.written(MAX_SAVE_WAIT)
 
     def stepped(self, now: Now) -> None:
-        """Save after a step, when the robot has already received its command."""
-        if self._requested:
-            self._requested = False
+        """Save after a step, when the robot has already received its command.
+
+        The first state that can be saved is, at once: an agent that is killed soon must count as well.
+        """
+        if self._requested or (self._store.stops_failed and now.mono >= self._retry):
+            self._requested, self._retry = False, now.mono + SAVE_PERIOD
             self._store.write_stops(self._restorer.stops)
         if now.mono >= self._due:
             self.end(now)
@@ -124,16 +130,16 @@ class Persistence:
 
     def end(self, now: Now) -> None:
         """Save at the end of the agent, or now and then. Never raises."""
-        if self._failed:
+        if self._failed or self._restorer.waits:
             return
-        self._due = now.mono + SAVE_PERIOD
         try:
             saved = self._restorer.saved(now)
         except Exception as error:  # noqa: BLE001 - whatever it is, the agent drives on
-            self._error = str(error) or type(error).__name__
+            self._error, self._due = str(error) or type(error).__name__, now.mono + SAVE_PERIOD
             return
         self._error = ""
         self._unsaved = self._unsaved and (self._requested or not self._store.written(0.0))
         # the old state shows the doubt for which the robot holds, until that hold is saved
-        if saved is not None and not self._restorer.waits and not self._unsaved:
+        if saved is not None and not self._unsaved:
+            self._due = now.mono + SAVE_PERIOD
             self._store.write_state(saved)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -41,7 +41,7 @@ from formation.agent.persistence.state import (
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.motion_check import Disagreement
 from formation.agent.pose.sources import ExternalPoseState, OdometryState, counts_from_start_pose
-from formation.agent.safety.latch import HALTED, LatchState
+from formation.agent.safety.latch import HALTED, LatchState, is_own
 from formation.agent.safety.scanner import ScanMemory
 from formation.protocol.election import check_term
 from formation.protocol.json_message import Id, Name
@@ -60,7 +60,6 @@ RESTARTS_TIME = 60.0
 """Time over which the starts of a robot's agents are counted [s]."""
 MAX_STARTS = 6
 """Greatest number of starts within `RESTARTS_TIME`; with more the robot is held."""
-_BEFORE: Mapping[str | None, Code] = {"stop": Code.STOPPED_BEFORE_START, "hold": Code.HELD_BEFORE_START}
 
 
 class Stops(BaseModel):
@@ -83,8 +82,8 @@ class Stops(BaseModel):
     """When a stop or a hold was last received [s, monotonic]."""
     answers: dict[str, str]
     """Answers to requests, by kind and id."""
-    why: tuple[str, dict[str, Any]] | None = None
-    """Reason of `mode`, by its code and values, unless an operator asked for it."""
+    why: Any = None
+    """Code and values of the reason for which the agent itself holds the robot."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -152,21 +151,23 @@ class Restorer:
             stops = Stops.model_validate_json(data)
             if stops.robot != self._agent.robot:
                 raise BadStateError(f"it is of {stops.robot}")
-            why = Reason(_BEFORE[stops.mode]) if stops.mode in _BEFORE else None
-            if why is not None and stops.why is not None:
-                why = Reason.read(*stops.why)
+            why = _reason(stops.why) or (Reason(Code.HELD_BEFORE_START) if stops.mode == "hold" else None)
             rested = self._rested(stops, now)
             drawn = f"saved-{now.mono:.6f}"  # for a file of a version without ids
             stop = (stops.stop or drawn) if stops.mode == "stop" else ""
             hold = (stops.hold or drawn) if stops.holding or stops.mode == "hold" else ""
-            return self._latch(why, rested, stops.answers, stop=stop, hold=hold)
+            stopped = Reason(Code.STOPPED_BEFORE_START) if stop else None
+            return self._latch(LatchState(
+                rest=Rest(stop, hold), stop_reason=stopped, hold_reason=why if hold else None,
+                once=Once(rested, stops.answers),
+            ))  # fmt: skip
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the robot is stopped
             return self.doubt(f"{where} cannot be read: {_described(bad)}", now)
 
     def doubt(self, what: str, now: Now) -> Taken:
         """Stop the robot, because `what` may have been a stop."""
         why = Reason.of(Code.STOP_UNKNOWN, detail=what)
-        return self._latch(why, float("-inf"), {}, stop=f"doubt-{now.mono:.6f}")
+        return self._latch(LatchState(rest=Rest(f"doubt-{now.mono:.6f}"), stop_reason=why))
 
     @property
     def stops(self) -> dict[str, Json]:
@@ -180,7 +181,7 @@ class Restorer:
         return self._stops(_held(replace(latch, rest=rest), Reason.of(Code.AGENT_FAILS, detail=what), now))
 
     def _stops(self, latch: LatchState) -> dict[str, Json]:
-        rest, why, rested = latch.rest, latch.why, latch.once.rested
+        rest, why, rested = latch.rest, latch.hold_reason, latch.once.rested
         stops = Stops.model_construct(
             robot=self._agent.robot,
             mode=rest.mode,
@@ -190,7 +191,7 @@ class Restorer:
             boot=self._boot,
             rested="never" if rested == float("-inf") else rested,
             answers=latch.once.answers,
-            why=None if why is None or why.code in _BEFORE.values() else (why.code, dict(why.values)),
+            why=(why.code, dict(why.values)) if why is not None and is_own(why) else None,
         )
         # a version without ids would read a file that has them for nothing as no stop
         return stops.model_dump(exclude_defaults=True)
@@ -306,11 +307,8 @@ class Restorer:
             )
         )
 
-    def _latch(
-        self, why: Reason | None, rested: float, answers: dict[str, str], *, stop: str = "", hold: str = ""
-    ) -> Taken:
-        latch = LatchState(rest=Rest(stop, hold), why=why, once=Once(rested, answers))
-        return self._taken(Restored(latch=latch), "" if why is None else str(why))
+    def _latch(self, latch: LatchState) -> Taken:
+        return self._taken(Restored(latch=latch), "" if latch.why is None else str(latch.why))
 
     def _rehearse(self, restored: Restored, inbox: Sequence[Sample], now: Now) -> None:
         """Restore it in another agent and step that: raises what this agent would have failed with."""
@@ -359,9 +357,17 @@ class Restorer:
 
 
 def _held(latch: LatchState, why: Reason, now: Now) -> LatchState:
-    """The same with a hold, below a stop that is in force."""
-    rest = Rest(latch.rest.stop, latch.rest.hold or f"{why.code}-{now.mono:.6f}")
-    return LatchState(rest=rest, why=why if latch.rest.mode is None else latch.why, once=latch.once)
+    """The same with a new hold, below a stop that is in force; no request of before it ends it."""
+    return replace(latch, rest=Rest(latch.rest.stop, f"{why.code}-{now.mono:.6f}"), hold_reason=why)
+
+
+def _reason(why: Any) -> Reason | None:
+    """The reason of a file; None if there is none, and for one of another version."""
+    try:
+        code, values = why
+        return Reason.read(code, values)
+    except (TypeError, ValueError, AttributeError):
+        return None
 
 
 def _described(error: Exception) -> str:

@@ -8,6 +8,7 @@ always to the same file, and the system flushes it now and then.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import threading
@@ -19,6 +20,8 @@ from zlib import crc32
 from formation.agent.persistence.state import Json
 from formation.transport.runtime.clock import suspended
 
+STATE_FILE_BYTES = 16 * 1024
+"""Space that is reserved for saved state [bytes]; it takes a third of that at most, as a rule."""
 MAX_FILE_BYTES = 64 * 1024
 """Greatest size of a file that an agent wrote [bytes]."""
 CLOSE_TIMEOUT_SECONDS = 1.0
@@ -110,6 +113,11 @@ class Store:
         """Why something cannot be written now; empty if all can."""
         return self._stopping.failure or self._forcing.failure or self._saving.failure
 
+    @property
+    def stops_failed(self) -> bool:
+        """Whether the newest stops could not be written."""
+        return self._tried.is_set() and not self._written.is_set()
+
     def written(self, patience: float) -> bool:
         """Whether the newest stops are written within this time [s], and so survive a kill."""
         self._tried.wait(patience)
@@ -138,7 +146,9 @@ class Store:
             line = state_line(state)
             if self._state_file is None:
                 self._state_file = os.open(self.state, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            os.pwrite(self._state_file, line, 0)
+                os.posix_fallocate(self._state_file, 0, STATE_FILE_BYTES)  # a full disk must not cut a line
+            if os.pwrite(self._state_file, line, 0) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.state))
 
         self._saving.do(write)
 

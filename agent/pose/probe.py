@@ -3,8 +3,8 @@
 Stand and measure, move a little, stand and measure again, twice. The mean of many measurements before and
 after is far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits
 double, lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault
-lasts. The time over which measurements are averaged grows with the waits, so that noise does not hide the
-shorter probes.
+lasts. Measurements are averaged until their mean is precise enough for the probe, within limits that grow
+with the waits.
 A try counts when its motion begins, so that one which is interrupted counts too. The motion must be seen as
 soon as measurements may be old, and nothing may move afterwards: a late sensor shows all of it, but later.
 """
@@ -37,7 +37,7 @@ MAX_DOUBLINGS = 12
 MIN_AVERAGING_TIME = 0.5
 """Shortest time over which measurements are averaged [s]."""
 AVERAGING_SHARE = 0.125
-"""Share of a probe's wait over which measurements are averaged."""
+"""Longest such time, as a share of the wait before the probe."""
 MAX_PROBE_TIME = 4.0
 """Longest duration of a probe [s]: the collision filter may leave it no room."""
 MIN_MOVED_SHARE = 0.5
@@ -225,9 +225,9 @@ class Probe:
         turns = doubt.kind in TURNS
         if state.phase is Phase.OFF:
             self._enter(Phase.WAITS, moment)
-        elif state.phase is Phase.WAITS and over >= _wait(state.tries) - _averaging(state.tries):
+        elif state.phase is Phase.WAITS and over >= _wait(state.tries) - MIN_AVERAGING_TIME:
             self._look(moment)
-        elif state.phase is Phase.BEFORE and over >= _averaging(state.tries):
+        elif state.phase is Phase.BEFORE and _is_precise(state.before, over, state.tries, turns=turns):
             wish = wanted.turn_rate if turns else wanted.speed
             forward = -1.0 if wish < 0.0 else 1.0
             state.direction = -state.direction if state.blocked else forward
@@ -247,7 +247,7 @@ class Probe:
                 self._enter(Phase.SETTLES, moment)
         elif state.phase is Phase.SETTLES and over >= self._settling:
             self._enter(Phase.AFTER, moment)
-        elif state.phase is Phase.AFTER and over >= _averaging(state.tries - 1):
+        elif state.phase is Phase.AFTER and _is_precise(state.after, over, state.tries - 1, turns=turns):
             self._enter(Phase.STANDS, moment)
         if not self.moves:
             return Command(0.0, 0.0)
@@ -267,7 +267,10 @@ class Probe:
         `speeds`: they are reported.
         """
         state = self.state
-        if state.phase is not Phase.STANDS or moment - state.since < _averaging(state.tries - 1):
+        over, turns = moment - state.since, doubt.kind in TURNS
+        if state.phase is not Phase.STANDS or not _is_precise(
+            state.stands, over, state.tries - 1, turns=turns
+        ):
             return None
         self._enter(Phase.WAITS, moment)
         return self._seen(doubt, speeds=speeds) and self._delay(doubt) <= limit
@@ -318,9 +321,13 @@ def _wait(tries: int) -> float:
     return FIRST_WAIT * 2.0 ** min(tries, MAX_DOUBLINGS)
 
 
-def _averaging(tries: int) -> float:
-    """Time over which measurements before and after that probe are averaged [s]."""
-    return max(MIN_AVERAGING_TIME, AVERAGING_SHARE * _wait(tries))
+def _is_precise(mean: Mean, over: float, tries: int, *, turns: bool) -> bool:
+    """Whether two such means show the probe after so many, or `mean` has taken its longest time [s]."""
+    if over < MIN_AVERAGING_TIME or over >= AVERAGING_SHARE * _wait(tries):
+        return over >= MIN_AVERAGING_TIME
+    error, turn_error = mean.errors()
+    length = PROBE_LENGTH_RATIO**tries * (TURN if turns else LENGTH)
+    return SEEN_DEVIATIONS * math.sqrt(2.0) * (turn_error if turns else error) <= MIN_MOTION_SHARE * length
 
 
 def _follows(seen: float, expected: float, unsure: float) -> bool:

@@ -5,11 +5,11 @@ It outlives its process where `formation.agent.persistence.restore` saves it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from formation.protocol import json_message
 from formation.protocol.order import Mode
-from formation.protocol.reasons import Reason
+from formation.protocol.reasons import Code, Reason
 from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode, shortened
 from formation.protocol.stops import MOTION, RESTS, Once, Rest
 
@@ -23,10 +23,18 @@ class LatchState:
 
     rest: Rest = field(default_factory=Rest)
     """What is in force."""
-    why: Reason | None = None
-    """Its reason, unless an operator asked this process for it."""
+    stop_reason: Reason | None = None
+    """Why it is stopped, unless an operator asked this process for it."""
+    hold_reason: Reason | None = None
+    """Why it is held, also below a stop, unless an operator asked this process for it."""
     once: Once = field(default_factory=Once)
     """The requests that are known."""
+
+    @property
+    def why(self) -> Reason | None:
+        """The reason of what is in force, unless an operator asked this process for it."""
+        mode = self.rest.mode
+        return self.stop_reason if mode == "stop" else self.hold_reason if mode == "hold" else None
 
 
 class Latch:
@@ -65,10 +73,14 @@ class Latch:
     def _obey(self, request: OperatorRequest, received: float, ordered: Mode) -> bytes:
         if request.do not in MOTION:
             return self.reply(ordered, ok=False, reason=f"{request.do}: that is the leader's to say")
-        before = self.mode
-        result = self.state.rest.change(request, self.state.once.fact(request, received))
-        if self.mode != before or self.mode == request.do:
-            self.state.why = None
+        state, before = self.state, replace(self.state.rest)
+        fact = state.once.fact(request, received)
+        result = state.rest.change(request, f"at-{received:.6f}" if fact == HALTED else fact)
+        if state.rest.stop != before.stop:
+            state.stop_reason = None
+        # an operator who holds a robot has not seen to what its agent holds it for
+        if state.rest.hold != before.hold and not (state.rest.hold and is_own(state.hold_reason)):
+            state.hold_reason = None
         return self.reply(ordered, ok=result.ok, code=result.code, reason=result.reason)
 
     def reply(
@@ -94,6 +106,11 @@ class Latch:
                 readonly=self._readonly,
             )
         )
+
+
+def is_own(reason: Reason | None) -> bool:
+    """Whether an agent rests by itself for that `reason`, and by no operator's request."""
+    return reason is not None and reason.code not in {Code.STOPPED_BEFORE_START, Code.HELD_BEFORE_START}
 
 
 WHY = {

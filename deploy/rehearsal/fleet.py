@@ -68,6 +68,7 @@ class AgentFiles:
         self.stops = Path(f"{robot}.stops.json")
         self.failure = ""
         """Why the newest write failed; empty if it did not."""
+        self._stops_failed = False
         self.is_open = True
         """Whether its process lives; nothing is written afterwards."""
         self._disk, self._robot, self._state = disk, robot, f"{robot}.state"
@@ -76,13 +77,19 @@ class AgentFiles:
         self.restored_torn = False
         """Whether it took a half written state for a whole one."""
 
+    @property
+    def stops_failed(self) -> bool:
+        """Whether the newest stops could not be written."""
+        return self._stops_failed
+
     def written(self, patience: float) -> bool:  # noqa: ARG002 - this disk is fast
         """Whether the newest stops are written."""
-        return not self.failure
+        return not self._stops_failed
 
     def write_stops(self, stops: Json) -> None:
         """Write the stops."""
         self._write(self.stops.name, json.dumps(stops, allow_nan=False).encode())
+        self._stops_failed = bool(self.failure)
 
     def write_state(self, state: Json) -> None:
         """Write the saved state over the one before, as the real file is written."""

@@ -33,14 +33,22 @@ class Drawer:
     stops: Path = Path("/somewhere/robot.stops.json")
     failure: str = ""
 
+    stops_failed: bool = False
+
     def write_stops(self, stops: Json) -> None:
-        self.texts["stops"] = json.dumps(stops, allow_nan=False).encode()
+        self.stops_failed = self._write("stops", stops)
 
     def write_state(self, state: Json) -> None:
-        self.texts["state"] = json.dumps(state, allow_nan=False).encode()
+        self._write("state", state)
+
+    def _write(self, name: str, value: Json) -> bool:
+        """Write, unless that fails; whether it does."""
+        if not self.failure:
+            self.texts[name] = json.dumps(value, allow_nan=False).encode()
+        return bool(self.failure)
 
     def written(self, _patience: float) -> bool:
-        return not self.failure
+        return not self.stops_failed
 
     def read_stops(self) -> bytes | None:
         return self.texts.get("stops")

@@ -112,6 +112,60 @@ def test_agent_that_begins_again_and_again_holds_until_run(monkeypatch: pytest.M
     assert all_alike(verify(SIX, team.record))
 
 
+@pytest.mark.slow
+def test_agents_that_live_for_a_moment_are_counted() -> None:
+    team = frozen(SIX, "robot3", "frozen")
+    assert path_over_restarts(team, "robot3", 12, 0.2) < 0.2
+    why = team.agents["robot3"].latch.state.why
+    assert why is not None
+    assert why.code is Code.AGENT_FAILS
+
+
+def test_own_hold_is_saved_once_the_disk_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(restore, "MAX_STARTS", 0)
+    team = driving(seconds=3.0)
+    drawer = team.drawers["robot3"]
+    drawer.failure = "no space left on device"
+    team.replace("robot3", 0.2)
+    team.run(1.0)
+    assert team.status("robot3").reason.code is Code.AGENT_FAILS
+    assert "stops" not in drawer.texts
+    kept = drawer.texts["state"]
+    drawer.failure = ""
+    team.run(0.1)
+    assert (drawer.texts["state"] == kept) is ("stops" not in drawer.texts)
+    team.run(0.5)
+    assert "stops" in drawer.texts
+    assert drawer.texts["state"] != kept
+
+
+@pytest.mark.slow
+def test_own_hold_of_an_agent_clears_no_doubt() -> None:
+    team = frozen(MEASURED, "robot3", "relative_frozen")
+    path_over_restarts(team, "robot3", restore.MAX_STARTS + 1, 1.0)
+    assert team.status("robot3").reason.code is Code.AGENT_FAILS
+    assert team.agents["robot3"].neighbours.doubts(team.moment)
+    assert team.tell("robot3", "run").ok
+    before = team.plant("robot3").path
+    team.run(2.0)
+    assert team.status("robot3").reason.code is Code.RELATIVE_FROZEN
+    assert team.plant("robot3").path == before
+
+
+@pytest.mark.slow
+def test_run_sent_before_a_failure_does_not_end_its_hold() -> None:
+    team = Team(COUNTING).after(4.0)
+    reset_odometry(team.world._hosted["robot3"].plant)
+    team.run(1.0)
+    assert team.ask("robot3", "hold", id="before").ok
+    failed_after_restart(team)
+    team.replace("robot3", 0.5)
+    team.run(1.0)
+    assert team.status("robot3").reason.code is Code.AGENT_FAILS
+    assert not team.ask("robot3", "run", ends=("before",)).ok
+    assert team.tell("robot3", "query").hold.startswith("agent_fails-")
+
+
 def failed_after_restart(team: Team) -> None:
     """Have the agent of robot3 restart, and fail by an exception 2 s later."""
     team.replace("robot3", 0.5)
@@ -146,7 +200,8 @@ def test_failure_keeps_the_stop_in_force() -> None:
     team.run(1.0)
     assert team.status("robot3").reason.code is Code.STOPPED_BEFORE_START
     assert team.tell("robot3", "release").ok
-    assert team.tell("robot3", "query").hold
+    team.run(0.2)
+    assert team.status("robot3").reason.code is Code.AGENT_FAILS
 
 
 @pytest.mark.slow

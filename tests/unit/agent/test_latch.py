@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.agent.safety.latch import Latch
+from formation.agent.safety.latch import HALTED, Latch
 from formation.leader.plan import TeamMode
 from formation.protocol import reasons
 from formation.protocol.json_message import decode
@@ -157,9 +157,28 @@ def test_latch_and_team_mode_give_same_answers(wishes: list[Do]) -> None:
     ("do", "known"), [("hold", True), ("run", True), ("stop", False), ("release", False)]
 )
 def test_reason_of_stop_at_start_remains_until_stop_or_release(latch: Latch, do: Do, known: bool) -> None:
-    latch.state.rest.stop, latch.state.why = "doubt", reasons.Reason(reasons.Code.STOPPED_BEFORE_START)
+    latch.state.rest.stop, latch.state.stop_reason = (
+        "doubt",
+        reasons.Reason(reasons.Code.STOPPED_BEFORE_START),
+    )
     ask(latch, do)
     assert bool(latch.state.why) is known
+
+
+def test_own_reason_of_a_hold_lasts_until_run(latch: Latch) -> None:
+    state, own = latch.state, reasons.Reason.of(reasons.Code.AGENT_FAILS, detail="it failed")
+    state.rest.hold, state.hold_reason = "own", own
+    steps: list[tuple[Do, reasons.Reason | None]] = [("hold", own), ("stop", None), ("release", own)]
+    for do, why in steps:
+        assert ask(latch, do).ok
+        assert state.why is why
+    assert ask(latch, "run").ok
+    assert state.why is state.hold_reason is None
+
+
+def test_operator_may_not_use_the_id_of_an_ended_agent(latch: Latch) -> None:
+    assert latch.request(OperatorRequest(do="stop", id=HALTED), 1.0, "run")
+    assert latch.state.rest.stop not in {"", HALTED}
 
 
 @every_rest

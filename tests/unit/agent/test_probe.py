@@ -8,7 +8,7 @@ import pytest
 
 from formation.agent.pose.motion_check import Disagreement
 from formation.agent.pose.motion_model import Modelled
-from formation.agent.pose.probe import MAX_PROBE_TIME, Probe
+from formation.agent.pose.probe import MAX_PROBE_TIME, MIN_AVERAGING_TIME, Phase, Probe
 from formation.control.controller import Limits
 from formation.control.observer import Travel
 from formation.control.unicycle import AT_REST, Command
@@ -65,10 +65,23 @@ def seen_after(tries: int, noise: float, *, frozen: bool) -> bool:
     raise AssertionError("no probe ends")
 
 
-@pytest.mark.parametrize("tries", [0, 3, *slow(5, 6, 8)])
+@pytest.mark.parametrize("tries", [0, 7, *slow(6, 8, 10)])
 def test_noise_of_2_mm_hides_no_probe_however_short(tries: int) -> None:
     assert seen_after(tries, 0.002, frozen=False)
     assert not seen_after(tries, 0.002, frozen=True)
+
+
+@pytest.mark.parametrize("tries", [3, 8, 12])
+def test_probe_of_a_precise_sensor_takes_no_longer_later(tries: int) -> None:
+    probe = Probe(Limits(offset=0.1, max_speed=0.2, max_turn_rate=2.0), AT_REST, 0.4)
+    probe.state.tries = tries
+    model = Modelled(0.0, 0j, 1.0 + 0j, 0.0, 0.0, 0.0, 0.0)
+    phases = []
+    for step in range(round((2.0**tries + 1.0) / PERIOD)):
+        probe.saw(step * PERIOD, Travel(0.0, 0.0, 0j), model)
+        probe.step(step * PERIOD, DOUBT, model, WANTED)
+        phases.append(probe.state.phase)
+    assert MIN_AVERAGING_TIME <= phases.count(Phase.BEFORE) * PERIOD <= MIN_AVERAGING_TIME + 2.0 * PERIOD
 
 
 def test_probe_with_room_and_rearming_end_the_blockage() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
+from random import Random
 from typing import Any
 
 import pytest
@@ -316,6 +317,17 @@ def test_formation_at_speed_causes_no_doubt_in_any_frame(angle: float) -> None:
         return rotation(angle) * 0.0095 * number
 
     assert not Watched().move(AHEAD, 2000, lambda n: 1.0 + 1e-6 * (n % 2), reported)
+
+
+def test_noise_of_a_robot_at_rest_adds_up_to_no_doubt() -> None:
+    watched, random = Watched(by_odometry=False), Random(1)
+    noise = 0j
+    for _ in range(300):
+        for _ in range(19):
+            before = noise
+            noise = 0.95 * noise + 0.31 * complex(random.gauss(0.0, 0.002), random.gauss(0.0, 0.002))
+            assert not watched.move(Travel(abs(noise - before), 0.0, noise - before), 1, still)
+        watched.move(None, 1, still)
 
 
 def test_doubt_ends_with_first_changed_displacement() -> None:
