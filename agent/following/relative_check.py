@@ -169,10 +169,10 @@ class RelativeCheck:
     def _kept(self) -> float:
         """Change that a displacement has certainly missed before the next leg [m].
 
-        What noise of external poses may be does not count: it would add up at rest.
+        What noise at rest may be does not count, or it would add up: of external poses that is more.
         """
-        state = self.state
-        return state.missed_before + max(0.0, state.missed - state.missed_before - POSITION.still_min)
+        state, noise = self.state, POSITION.still if self._by_odometry else POSITION.still_min
+        return state.missed_before + max(0.0, state.missed - state.missed_before - noise)
 
     def restore(self, memory: RelativeMemory) -> None:
         """Have it know what the check of another agent did."""

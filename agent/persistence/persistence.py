@@ -96,7 +96,7 @@ class Persistence:
 
     def saved(self) -> bool:
         """Wait briefly until the request survives a kill; whether it does."""
-        if self._requested:
+        if self._requested and not self._failed:
             self._store.write_stops(self._restorer.stops)
         return self._store.written(MAX_SAVE_WAIT)
 
@@ -105,6 +105,8 @@ class Persistence:
 
         The first state that can be saved is, at once: an agent that is killed soon must count as well.
         """
+        if self._failed:
+            return
         if self._requested or (self._store.stops_failed and now.mono >= self._retry):
             self._requested, self._retry = False, now.mono + SAVE_PERIOD
             self._store.write_stops(self._restorer.stops)

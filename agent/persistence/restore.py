@@ -83,7 +83,7 @@ class Stops(BaseModel):
     answers: dict[str, str]
     """Answers to requests, by kind and id."""
     why: Any = None
-    """Code and values of the reason for which the agent itself holds the robot."""
+    """Code and values of the agent's own reasons to stop or hold the robot, by ``stop`` and ``hold``."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -151,14 +151,18 @@ class Restorer:
             stops = Stops.model_validate_json(data)
             if stops.robot != self._agent.robot:
                 raise BadStateError(f"it is of {stops.robot}")
-            why = _reason(stops.why) or (Reason(Code.HELD_BEFORE_START) if stops.mode == "hold" else None)
             rested = self._rested(stops, now)
             drawn = f"saved-{now.mono:.6f}"  # for a file of a version without ids
-            stop = (stops.stop or drawn) if stops.mode == "stop" else ""
+            known = "" if stops.stop == HALTED else stops.stop
+            stop = (known or drawn) if stops.mode == "stop" else ""
             hold = (stops.hold or drawn) if stops.holding or stops.mode == "hold" else ""
-            stopped = Reason(Code.STOPPED_BEFORE_START) if stop else None
+            stopped = _reason(stops.why, "stop") or Reason(Code.STOPPED_BEFORE_START)
+            held = _reason(stops.why, "hold")
+            if held is None and not stop:
+                held = Reason(Code.HELD_BEFORE_START)
             return self._latch(LatchState(
-                rest=Rest(stop, hold), stop_reason=stopped, hold_reason=why if hold else None,
+                rest=Rest(stop, hold), stop_reason=stopped if stop else None,
+                hold_reason=held if hold else None,
                 once=Once(rested, stops.answers),
             ))  # fmt: skip
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the robot is stopped
@@ -181,7 +185,9 @@ class Restorer:
         return self._stops(_held(replace(latch, rest=rest), Reason.of(Code.AGENT_FAILS, detail=what), now))
 
     def _stops(self, latch: LatchState) -> dict[str, Json]:
-        rest, why, rested = latch.rest, latch.hold_reason, latch.once.rested
+        rest, rested = latch.rest, latch.once.rested
+        reasons = {"stop": latch.stop_reason, "hold": latch.hold_reason}
+        why = {name: (one.code, dict(one.values)) for name, one in reasons.items() if one and is_own(one)}
         stops = Stops.model_construct(
             robot=self._agent.robot,
             mode=rest.mode,
@@ -191,7 +197,7 @@ class Restorer:
             boot=self._boot,
             rested="never" if rested == float("-inf") else rested,
             answers=latch.once.answers,
-            why=(why.code, dict(why.values)) if why is not None and is_own(why) else None,
+            why=why or None,
         )
         # a version without ids would read a file that has them for nothing as no stop
         return stops.model_dump(exclude_defaults=True)
@@ -358,15 +364,17 @@ class Restorer:
 
 def _held(latch: LatchState, why: Reason, now: Now) -> LatchState:
     """The same with a new hold, below a stop that is in force; no request of before it ends it."""
-    return replace(latch, rest=Rest(latch.rest.stop, f"{why.code}-{now.mono:.6f}"), hold_reason=why)
+    once = replace(latch.once, rested=max(latch.once.rested, now.mono))
+    rest = Rest(latch.rest.stop, f"{why.code}-{now.mono:.6f}")
+    return replace(latch, rest=rest, hold_reason=why, once=once)
 
 
-def _reason(why: Any) -> Reason | None:
-    """The reason of a file; None if there is none, and for one of another version."""
+def _reason(why: Any, name: str) -> Reason | None:
+    """The reason of that name in a file; None if there is none, and for one of another version."""
     try:
-        code, values = why
+        code, values = why[name]
         return Reason.read(code, values)
-    except (TypeError, ValueError, AttributeError):
+    except (TypeError, ValueError, AttributeError, KeyError):
         return None
 
 

@@ -145,8 +145,7 @@ class Store:
         def write() -> None:
             line = state_line(state)
             if self._state_file is None:
-                self._state_file = os.open(self.state, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-                os.posix_fallocate(self._state_file, 0, STATE_FILE_BYTES)  # a full disk must not cut a line
+                self._state_file = _reserved(self.state, STATE_FILE_BYTES)
             if os.pwrite(self._state_file, line, 0) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.state))
 
@@ -189,6 +188,18 @@ class Store:
                 os.fsync(place)
             finally:
                 os.close(place)
+
+
+def _reserved(path: Path, size: int) -> int:
+    """Open a file, with space for so many bytes: a full disk must not cut a line. Raises OSError."""
+    file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        os.posix_fallocate(file, 0, size)
+    except OSError as error:
+        if error.errno not in {errno.EOPNOTSUPP, errno.EINVAL}:  # a file system that cannot reserve any
+            os.close(file)
+            raise
+    return file
 
 
 def _read(path: Path) -> bytes | None:

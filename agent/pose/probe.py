@@ -36,6 +36,8 @@ MAX_DOUBLINGS = 12
 """How often the wait doubles, to little more than an hour."""
 MIN_AVERAGING_TIME = 0.5
 """Shortest time over which measurements are averaged [s]."""
+LEAST_PRECISE_TIME = 2.0
+"""Time before which a mean does not count as precise [s]: noise may change more slowly than it shows."""
 AVERAGING_SHARE = 0.125
 """Longest such time, as a share of the wait before the probe."""
 MAX_PROBE_TIME = 4.0
@@ -323,8 +325,9 @@ def _wait(tries: int) -> float:
 
 def _is_precise(mean: Mean, over: float, tries: int, *, turns: bool) -> bool:
     """Whether two such means show the probe after so many, or `mean` has taken its longest time [s]."""
-    if over < MIN_AVERAGING_TIME or over >= AVERAGING_SHARE * _wait(tries):
-        return over >= MIN_AVERAGING_TIME
+    longest = max(MIN_AVERAGING_TIME, AVERAGING_SHARE * _wait(tries))
+    if over < min(longest, LEAST_PRECISE_TIME) or over >= longest:
+        return over >= longest
     error, turn_error = mean.errors()
     length = PROBE_LENGTH_RATIO**tries * (TURN if turns else LENGTH)
     return SEEN_DEVIATIONS * math.sqrt(2.0) * (turn_error if turns else error) <= MIN_MOTION_SHARE * length

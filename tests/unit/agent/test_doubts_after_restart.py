@@ -140,6 +140,19 @@ def test_own_hold_is_saved_once_the_disk_has_room(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
+def test_own_reason_of_a_stop_outlives_restarts() -> None:
+    team = driving(seconds=3.0)
+    team.lose("robot3", 0.5)
+    team.drawers["robot3"].texts["stops"] = b"{torn"
+    for _ in range(2):
+        team.begin("robot3")
+        team.run(0.3)
+        assert team.tell("robot3", "query").ok
+        assert team.status("robot3").reason.code is Code.STOP_UNKNOWN
+        team.lose("robot3", 0.5)
+
+
+@pytest.mark.slow
 def test_own_hold_of_an_agent_clears_no_doubt() -> None:
     team = frozen(MEASURED, "robot3", "relative_frozen")
     path_over_restarts(team, "robot3", restore.MAX_STARTS + 1, 1.0)
@@ -163,6 +176,7 @@ def test_run_sent_before_a_failure_does_not_end_its_hold() -> None:
     team.run(1.0)
     assert team.status("robot3").reason.code is Code.AGENT_FAILS
     assert not team.ask("robot3", "run", ends=("before",)).ok
+    assert not team.ask("robot3", "release", id="late", age=4.0).ok
     assert team.tell("robot3", "query").hold.startswith("agent_fails-")
 
 

@@ -319,6 +319,15 @@ def test_formation_at_speed_causes_no_doubt_in_any_frame(angle: float) -> None:
     assert not Watched().move(AHEAD, 2000, lambda n: 1.0 + 1e-6 * (n % 2), reported)
 
 
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2])
+def test_repeated_displacement_is_doubted_across_frequent_gaps(speed: float) -> None:
+    watched, step = Watched(), speed * PERIOD
+    for _ in range(round(0.6 / (8.0 * step))):
+        watched.move(Travel(step, 0.0, step + 0j), 8, still)
+        watched.move(None, 1, still)
+    assert watched.check.state.doubt is not None
+
+
 def test_noise_of_a_robot_at_rest_adds_up_to_no_doubt() -> None:
     watched, random = Watched(by_odometry=False), Random(1)
     noise = 0j
