@@ -8,7 +8,7 @@ Each mission is simulated with ideal bodies, without ramp and collision filter, 
 |---|---|
 | every start | all random starts settle |
 | near formation | starts within a millimetre of the slots settle |
-| none | their errors do not fall below a millimetre |
+| none | starts within 10 µm of the slots swing up to more than that |
 | an error on curves | robots err by as much, and not more, on a circle |
 
 Prints the counts, and each mission that contradicts its certificate, by its seed.
@@ -39,6 +39,10 @@ from tests.unit.formation.scenarios import IDEAL, edge_errors
 
 NEAR = 1e-3
 """Starts near formation are off by at most this on each axis [m]."""
+TINY = 1e-5
+"""Starts of an unstable loop are off by at most this on each axis [m]: limits may keep its swing small."""
+PATIENCE = 4.0
+"""Where not all robots settle they are given so many times the time: some are slow to turn."""
 MAX_GAIN_SHARE = 1.5
 """Greatest gain times control period: nearer to 2, the limit near formation, first headings that are not
 known leave a swing that the limits of the robots keep up [–]."""
@@ -96,15 +100,19 @@ def tried(seed: int, *, short: bool) -> Outcome:
     mission = drawn(seed, short=short)
     found = analyse(mission).certificate
     cyclic = bool(cyclic_core(mission.graph))
-    near = found.convergence != "every start"
-    result = simulate(
-        mission, runs=1 if short else 10, seed=seed, horizon=40.0 if short else 120.0, step=step_of(mission),
-        options=IDEAL, starts="random", spread=NEAR if near else 2.0,
+    spread = {"every start": 2.0, "near formation": NEAR}.get(found.convergence, TINY)
+    runs, horizon = (1, 40.0) if short else (10, 120.0)
+    run = partial(
+        simulate, mission, runs=runs, seed=seed, step=step_of(mission),
+        options=IDEAL, starts="random", spread=spread,
     )  # fmt: skip
+    result = run(horizon=horizon)
+    if not result.converged.all():
+        result = run(horizon=PATIENCE * horizon)
     holds = bool(result.converged.all())
     if found.convergence == "none":  # limits may keep the swing below the mission's bound
         growth = float(spectrum.cyclic_poles(mission, *mission.gains).real.max()) if cyclic else math.inf
-        holds = growth < LEAST_GROWTH or bool((result.final_error > NEAR).all())
+        holds = growth < LEAST_GROWTH or bool((result.final_error > TINY).all())
     ratio = curve_ratio(mission, found.curve_errors) if found.convergence == "every start" else math.nan
     if not math.isnan(ratio) and ratio < 1.0 / MAX_CURVE_RATIO:
         holds = False
