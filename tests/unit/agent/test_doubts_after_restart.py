@@ -90,6 +90,7 @@ def test_equal_displacements_are_counted_across_gaps_and_agents() -> None:
     assert not watched.move(AHEAD, 5, lambda _: 2.0 + 0j)
 
 
+@pytest.mark.slow
 def test_agent_that_begins_again_and_again_holds_until_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(restore, "MAX_STARTS", 2)
     monkeypatch.setattr(restore, "RESTARTS_TIME", 3.0)
