@@ -78,7 +78,7 @@ class Latch:
         result = state.rest.change(request, f"at-{received:.6f}" if fact == HALTED else fact)
         if state.rest.stop != before.stop:
             state.stop_reason = None
-        # an operator who holds a robot has not seen to what its agent holds it for
+        # an operator's hold does not settle the doubt for which the agent holds the robot
         if state.rest.hold != before.hold and not (state.rest.hold and is_own(state.hold_reason)):
             state.hold_reason = None
         return self.reply(ordered, ok=result.ok, code=result.code, reason=result.reason)
