@@ -39,7 +39,7 @@ MIN_AVERAGING_TIME = 0.5
 LEAST_PRECISE_TIME = 2.0
 """Time before which a mean does not count as precise [s]: noise may change more slowly than it shows."""
 AVERAGING_SHARE = 0.125
-"""Longest such time, as a share of the wait before the probe."""
+"""Longest time over which measurements are averaged, as a share of the wait before the probe."""
 MAX_PROBE_TIME = 4.0
 """Longest duration of a probe [s]: the collision filter may leave it no room."""
 MIN_MOVED_SHARE = 0.5

@@ -16,7 +16,7 @@ from formation.protocol.status import AgentState
 from tests.support.examples import slow
 from tests.support.missions import with_robots
 from tests.support.recorded import all_alike, verify
-from tests.support.restarting import SIX, Team, driving, turning_back
+from tests.support.restarting import SIX, Drawer, Team, driving, turning_back
 from tests.support.sensing import reset_odometry
 from tests.unit.agent.test_sensing import AHEAD, Watched, still
 
@@ -73,18 +73,18 @@ def test_frozen_sensor_is_noticed_by_agents_that_live_shortly(mission: Mission, 
 
 
 def test_equal_displacements_are_counted_across_gaps_and_agents() -> None:
-    watched, unknown = Watched(), None
+    watched = Watched()
     for _ in range(4):
         watched.move(AHEAD, int(0.5 * MAX_EQUAL_MOTION / abs(AHEAD.displacement)), still)
-        watched.move(unknown, 1, still)
+        watched.move(None, 1, still)
         kept = watched.check.memory
         if kept.doubt is not None:
             break
         watched = Watched()
-        watched.restore(kept)
+        watched.check.restore(kept)
     assert kept.doubt is not None
     watched = Watched()
-    watched.restore(kept)
+    watched.check.restore(kept)
     assert watched.move(Travel(0.0, 0.0, 0j), 100, still)
     assert not watched.move(AHEAD, 1, lambda _: 2.0 + 0j)
     assert not watched.move(AHEAD, 5, lambda _: 2.0 + 0j)
@@ -126,15 +126,14 @@ def test_own_hold_is_saved_once_the_disk_has_room(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(restore, "MAX_STARTS", 0)
     team = driving(seconds=3.0)
     drawer = team.drawers["robot3"]
-    drawer.failure = "no space left on device"
-    team.replace("robot3", 0.2)
-    team.run(1.0)
-    assert team.status("robot3").reason.code is Code.AGENT_FAILS
-    assert "stops" not in drawer.texts
+    team.lose("robot3", 0.2)
     kept = drawer.texts["state"]
-    drawer.failure = ""
-    team.run(0.1)
-    assert (drawer.texts["state"] == kept) is ("stops" not in drawer.texts)
+    with monkeypatch.context() as disk:  # takes the state, but no stops
+        disk.setattr(Drawer, "write_stops", lambda full, _: setattr(full, "stops_failed", True))
+        team.begin("robot3")
+        team.run(1.0)
+        assert team.status("robot3").reason.code is Code.AGENT_FAILS
+        assert drawer.texts["state"] == kept
     team.run(0.5)
     assert "stops" in drawer.texts
     assert drawer.texts["state"] != kept

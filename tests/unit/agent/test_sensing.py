@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from formation.agent.following.relative_check import OwnMotion, RelativeCheck, RelativeMemory
+from formation.agent.following.relative_check import OwnMotion, RelativeCheck
 from formation.agent.simulated.faults import Fault, parse
 from formation.control.observer import Travel
 from formation.control.plane import rotation
@@ -262,10 +262,6 @@ class Watched:
     def __init__(self, *, by_odometry: bool = True) -> None:
         self.check = RelativeCheck("robot2", 0.0, by_odometry=by_odometry)
         self.own, self.time = OwnMotion(), 0.0
-
-    def restore(self, kept: RelativeMemory) -> None:
-        """Have it know what another check did."""
-        self.check.restore(kept)
 
     def move(self, travel: Travel | None, periods: int, seen: Seen, reported: Seen = lambda _: None) -> bool:
         """Move on for so many `periods`; return whether the sensor is doubted then."""
