@@ -39,7 +39,7 @@ from formation.agent.persistence.state import (
     restore,
 )
 from formation.agent.pose.estimator import Localisation, LocalisationState
-from formation.agent.pose.motion_check import Disagreement
+from formation.agent.pose.motion_check import MotionMemory
 from formation.agent.pose.sources import ExternalPoseState, OdometryState, counts_from_start_pose
 from formation.agent.safety.latch import HALTED, LatchState, is_own
 from formation.agent.safety.scanner import ScanMemory
@@ -103,7 +103,7 @@ class Saved:
     integral: complex
     tuning: TuningState
     """The integral's unit depends on the gains."""
-    doubt: Disagreement | None
+    motion: MotionMemory
     """How the robot's motion differs from its commands."""
     tries: int
     """Number of probes since it was last seen to move."""
@@ -262,7 +262,7 @@ class Restorer:
             integral = saved.integral if age <= MAX_INTEGRAL_AGE else None
             restored = Restored(here=here.state, integral=integral, tuning=saved.tuning)
             if not self._agent.readonly:
-                restored = replace(restored, doubt=saved.doubt, tries=saved.tries)
+                restored = replace(restored, motion=saved.motion, tries=saved.tries)
             self._rehearse(restored, inbox, now)
             return self._taken(restored, f"goes on from where it was {age:.1f} s ago")
         except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
@@ -305,7 +305,7 @@ class Restorer:
                 here=here,
                 integral=state.integral,
                 tuning=state.tuning,
-                doubt=state.motion.doubt,
+                motion=self._agent.motion.memory,
                 tries=state.probe.tries,
                 scans=None if self._agent.avoiding.scanner is None else self._agent.avoiding.scanner.memory,
                 relative=self._agent.neighbours.memory,

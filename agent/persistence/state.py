@@ -30,7 +30,7 @@ from formation.agent.core import Agent, CoreState
 from formation.agent.following.gains import TuningState
 from formation.agent.following.relative_check import RelativeMemory
 from formation.agent.pose.estimator import LocalisationState
-from formation.agent.pose.motion_check import Disagreement
+from formation.agent.pose.motion_check import MotionMemory
 from formation.agent.safety.latch import LatchState
 from formation.agent.safety.scanner import ScanMemory
 from formation.protocol.reasons import Reason
@@ -202,7 +202,7 @@ class Restored:
     here: LocalisationState | None = None
     integral: complex | None = None
     tuning: TuningState | None = None
-    doubt: Disagreement | None = None
+    motion: MotionMemory | None = None
     """How the robot's motion differed from its commands."""
     tries: int = 0
     """Number of probes since it was last seen to move."""
@@ -212,14 +212,14 @@ class Restored:
 
     def into(self, agent: Agent) -> None:
         """Have `agent` take it over. Raises BadStateError; `agent` is then unchanged."""
-        now = agent.state
+        now, motion = agent.state, self.motion
         state = replace(
             now,
             latch=self.latch or now.latch,
             here=self.here or now.here,
             integral=now.integral if self.integral is None else self.integral,
             tuning=self.tuning or now.tuning,
-            motion=replace(now.motion, doubt=self.doubt or now.motion.doubt),
+            motion=now.motion if motion is None else replace(now.motion, doubt=motion.doubt, earlier=motion),
             probe=replace(now.probe, tries=self.tries or now.probe.tries),
         )
         _check(agent, state)

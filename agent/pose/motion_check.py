@@ -92,6 +92,30 @@ POSITION_FAULTS = MotionFault.FROZEN, MotionFault.CARRIED
 HEADING_FAULTS = MotionFault.TURN, MotionFault.TURNED
 
 
+class LegMemory(NamedTuple):
+    """What the next agent of the robot must know of a leg; lengths [m], or angles [rad]."""
+
+    commanded: complex
+    """Commanded net motion [frame of the newest heading]."""
+    path: float
+    """Commanded path."""
+    seen: complex
+    """Net motion by the sensor."""
+    farthest: float
+    """Largest size of `seen`."""
+    began: float
+    """[s, monotonic]"""
+
+
+class MotionMemory(NamedTuple):
+    """What the next agent of the robot must know of its motion, to notice a frozen sensor."""
+
+    doubt: Disagreement | None
+    """The disagreement that has not been disproved yet."""
+    position: LegMemory
+    heading: LegMemory
+
+
 @dataclass(slots=True, kw_only=True)
 class LegState:
     """What a leg has summed up; lengths [m], or angles [rad]."""
@@ -121,6 +145,20 @@ class Leg:
         state = self.state
         state.seen, state.farthest, state.began = 0j, 0.0, moment
         state.origins, state.path_before = list(models), path_before
+
+    def memory(self, model: complex, heading: complex, path: float) -> LegMemory:
+        """What the next agent must know, with the newest state of the model."""
+        state = self.state
+        commanded = (model - state.origins[0]) / heading
+        return LegMemory(commanded, path - state.path_before, state.seen, state.farthest, state.began)
+
+    def resume(self, earlier: LegMemory, seen: complex) -> None:
+        """Continue an earlier agent's leg in one that has just begun; the sensor saw `seen` in between."""
+        state = self.state
+        state.origins = [one - earlier.commanded for one in state.origins]
+        state.path_before -= earlier.path + abs(seen)
+        state.seen, state.began = earlier.seen + seen, earlier.began
+        state.farthest = max(earlier.farthest, abs(state.seen))
 
     def excuse(self, seen: complex) -> None:
         """Let the motion `seen` in a gap need no command: nothing is known of what happened in it."""
@@ -219,6 +257,8 @@ class MotionCheckState:
     last: float | None = None
     """End of the newest interval [s, monotonic]."""
     window: SpeedWindow = field(default_factory=SpeedWindow)
+    earlier: MotionMemory | None = None
+    """Of the agent before, until this one has its first interval."""
 
 
 class MotionCheck:
@@ -241,9 +281,20 @@ class MotionCheck:
             delay=self._delay.state,
         )
 
+    @property
+    def memory(self) -> MotionMemory:
+        """What the next agent of the robot must know."""
+        model, one = self.model.now, 1.0 + 0.0j
+        return MotionMemory(
+            self.state.doubt,
+            self._position.memory(model.position, model.heading, model.path),
+            self._heading.memory(complex(model.turn), one, model.turning),
+        )
+
     def trust(self) -> None:
         """Clear the disagreement: it was disproved."""
         self.state.doubt, self.state.last, self.state.confirmed = None, None, 0
+        self.state.earlier = None
         self.state.delay = self._delay.state = OwnDelayState()
 
     def saw(
@@ -262,6 +313,7 @@ class MotionCheck:
         last, self.state.last = self.state.last, moment
         if travel is None or last is None:
             self._begin(moment, models)
+            self._resume(travel)
             return
         points, turned = positions(models), turns(models)
         remaining, newest = math.exp(-max(0.0, moment - last) / FORGETTING_TIME), self.model.now
@@ -302,6 +354,13 @@ class MotionCheck:
         self._position.begin(moment, positions(models), path_at(models[HALF_DELAY_INDEX]))
         self._heading.begin(moment, turns(models), turning_at(models[HALF_DELAY_INDEX]))
         self._begin_window(moment, models)
+
+    def _resume(self, travel: Travel | None) -> None:
+        """Continue the legs of the agent before, unless the way since then is unknown."""
+        earlier, self.state.earlier = self.state.earlier, None
+        if earlier is not None and travel is not None:
+            self._position.resume(earlier.position, travel.displacement)
+            self._heading.resume(earlier.heading, complex(travel.turn))
 
     def _begin_window(self, moment: float, models: Sequence[Between]) -> None:
         self.state.window = SpeedWindow(began=moment, ahead_before=[ahead_at(one) for one in models])

@@ -72,6 +72,29 @@ def test_frozen_sensor_is_noticed_by_agents_that_live_shortly(mission: Mission, 
     assert team.status(name).reason.code in {Code.SCAN_FROZEN, Code.RELATIVE_FROZEN}
 
 
+def test_frozen_odometry_is_noticed_by_agents_that_live_shortly() -> None:
+    fault = Fault("robot3", "frozen", 0.0, 3.0, 1e9)
+    team = Team(SIX, plants=with_faults(kinematic, [fault])).after(3.0)
+    assert path_over_restarts(team, "robot3", 3, 0.5) < 0.5
+    team.replace("robot3", 0.5)
+    assert path_over_restarts(team, "robot3", 1, 1.0) < 0.03
+    assert team.status("robot3").reason.code is Code.MOTION_FROZEN
+    assert all_alike(verify(SIX, team.record))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.1, 1.0])
+def test_working_odometry_of_agents_that_live_shortly_is_in_no_doubt(
+    monkeypatch: pytest.MonkeyPatch, gap: float
+) -> None:
+    monkeypatch.setattr(restore, "MAX_STARTS", 100)
+    team = Team(SIX).after(3.0)
+    for lives in (0.3, 0.5, 0.8, 1.5, 3.0) * 2:
+        team.replace("robot3", gap)
+        team.run(lives)
+        assert team.status("robot3").reason.code is Code.RUNNING
+
+
 def test_equal_displacements_are_counted_across_gaps_and_agents() -> None:
     watched = Watched()
     for _ in range(4):
