@@ -58,7 +58,10 @@ class Forcer:
         """Up to where everything is on the disk itself."""
         self._error: OSError | None = None
         self._lock = threading.Lock()
-        self._queue: SimpleQueue[tuple[Part, Mark] | None] = SimpleQueue()
+        # the newest request includes the earlier ones, as an ended part has been forced
+        self._newest: tuple[Part, Mark] | None = None
+        self._lost: Part | None = None
+        self._wakes, self._ends = threading.Event(), False
         self._thread = threading.Thread(target=self._work, name="forcing", daemon=True)
         self._thread.start()
 
@@ -67,28 +70,42 @@ class Forcer:
         if self._error is not None:
             error, self._error = self._error, None
             raise error
-        self._queue.put((part, mark))
-
-    def confirm(self, mark: Mark) -> None:
-        """Note that `mark` is safe already."""
         with self._lock:
-            if mark.number >= self.safe.number:
+            self._newest = part, mark
+        self._wakes.set()
+
+    def confirm(self, mark: Mark, part: Part | None = None) -> None:
+        """Note that `mark`, which includes `part`, is safe already."""
+        with self._lock:
+            if mark.number >= self.safe.number and (part is None or part is not self._lost):
                 self.safe = mark
+
+    def lose(self, part: Part, mark: Mark) -> None:
+        """Note that `part` is lost, and that without it `mark` is safe."""
+        with self._lock:
+            self._lost = part
+        self.confirm(mark)
 
     def close(self) -> None:
         """End after all requests are done."""
-        self._queue.put(None)
+        self._ends = True
+        self._wakes.set()
 
     def _work(self) -> None:
-        # the newest request includes the earlier ones, as an ended part has been forced
-        while (newest := _taken(self._queue)[-1]) is not None:
+        while not self._ends or self._newest is not None:
+            self._wakes.wait()
+            self._wakes.clear()
+            with self._lock:
+                newest, self._newest = self._newest, None
+            if newest is None:
+                continue
             part, mark = newest
             try:
                 part.sync()
             except OSError as error:
                 self._error = error
             else:
-                self.confirm(mark)
+                self.confirm(mark, part)
 
 
 class Notice(NamedTuple):
@@ -264,6 +281,15 @@ class Disk:
         if self._part is None:
             return
         part, self._part = self._part, None
+        if part.is_gone:
+            self._lose(part)
+            return
+        mark = self._mark(part)
+        try:
+            part.sync()
+        except OSError as error:
+            self._unforced(part, mark, error)
+            return
         try:
             part.finish()
         except OSError as error:
@@ -271,8 +297,21 @@ class Disk:
                 self.tell(
                     logging.WARNING, f"{part.path} has no index, for it cannot be ended: {error.strerror}"
                 )
-        self._ended = self._mark(part)
-        self._forcer.confirm(self._ended)
+        self._ended = mark
+        self._forcer.confirm(mark)
+
+    def _unforced(self, part: Part, mark: Mark, error: OSError) -> None:
+        """End a part that cannot be forced to the disk: what of it is not safe yet is lost."""
+        with suppress(OSError):
+            part.finish()
+        self._ended = self._forcer.safe._replace(number=mark.number)
+        lost = mark.counts.total() - self._ended.counts.total()
+        self.lost += lost
+        if self.failure is None:
+            self.failure = error.strerror or str(error)
+            self.tell(
+                logging.ERROR, f"{part.path}: its last {lost} messages may not be on the disk: {self.failure}"
+            )
 
     def _lose(self, part: Part) -> None:
         """Give up a part with a deleted file: only its messages are lost."""
@@ -281,7 +320,7 @@ class Disk:
             part.finish()
         self.lost += part.counts.total()
         self._retry = 0.0
-        self._forcer.confirm(self._mark(None))
+        self._forcer.lose(part, self._mark(None))
         self.tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
 
     def _fail(self, error: OSError, now: float) -> None:

@@ -38,7 +38,7 @@ from mcap.records import (
 )
 
 from formation.monitor.recording.channels import ABOUT, Channels
-from formation.monitor.recording.scan import MAGIC, MESSAGE
+from formation.monitor.recording.scan import MAGIC, MAX_EXPANSION_RATIO, MESSAGE
 
 BLOCK_BYTES = 64 * 1024
 """Size of the index that is compressed at a time [bytes]."""
@@ -48,9 +48,9 @@ _FIXED_BYTES = _FRONT.size + _BACK.size + 16
 """Fixed size of a ChunkIndex record, without the codec's name and its places [bytes]."""
 _PLACE = np.dtype([("channel", "<u2"), ("at", "<u8")])
 PROFILE = "ros2"
-CODEC = b"lz4"
-_CHUNK_HEAD = struct.Struct("<BQQQQII3sQ")
-CHUNK_HEAD_BYTES = _CHUNK_HEAD.size - len(CODEC)
+CODEC = "lz4"
+_CHUNK_HEAD, _CHUNK_LENGTH = struct.Struct("<BQQQQII"), struct.Struct("<Q")
+CHUNK_HEAD_BYTES = _CHUNK_HEAD.size + _CHUNK_LENGTH.size
 """Length of a chunk's record without the codec's name and the compressed data [bytes]."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
@@ -224,7 +224,8 @@ class Part:
         """Write a chunk to the operating system."""
         declarations = self._declarations(chunk.channels)
         raw = declarations + chunk.raw
-        self.append_packed(_chunk_record(chunk, raw), chunk, len(declarations), len(raw), CODEC.decode())
+        record, codec = _chunk_record(chunk, raw)
+        self.append_packed(record, chunk, len(declarations), len(raw), codec)
 
     def append_packed(self, record: bytes, chunk: Chunk, shift: int, unpacked: int, codec: str) -> None:
         """Write a chunk's whole record, and the indexes of its messages.
@@ -347,11 +348,16 @@ def packed(record: McapRecord) -> bytes:
     return data
 
 
-def _chunk_record(chunk: Chunk, raw: bytes | bytearray) -> bytes:
-    data: bytes = lz4.frame.compress(raw)
-    length = _CHUNK_HEAD.size - 9 + len(data)
-    head = chunk.start, chunk.end, len(raw), zlib.crc32(raw), len(CODEC), CODEC, len(data)
-    return _CHUNK_HEAD.pack(Opcode.CHUNK, length, *head) + data
+def _chunk_record(chunk: Chunk, raw: bytes) -> tuple[bytes, str]:
+    """Return a Chunk and its codec: none where readers would refuse what is packed so well."""
+    data, codec = lz4.frame.compress(raw), CODEC
+    if len(raw) > MAX_EXPANSION_RATIO * len(data):
+        data, codec = raw, ""
+    name = codec.encode()
+    length = CHUNK_HEAD_BYTES - 9 + len(name) + len(data)
+    head = chunk.start, chunk.end, len(raw), zlib.crc32(raw), len(name)
+    packed_data = name, _CHUNK_LENGTH.pack(len(data)), data
+    return b"".join((_CHUNK_HEAD.pack(Opcode.CHUNK, length, *head), *packed_data)), codec
 
 
 def _make_folder(folder: Path) -> list[Path]:

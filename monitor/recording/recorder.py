@@ -25,7 +25,9 @@ from formation.transport.runtime.process import BadInput
 from formation.wire import Sample
 
 CHUNK_BYTES = 1024 * 1024
-"""Longest chunk [bytes]; reading one takes as much memory."""
+"""Length from which on a chunk is full [bytes]; reading one takes as much memory."""
+MAX_MESSAGE_BYTES = 8 * 1024 * 1024
+"""Longest message, with its attachment, that is recorded [bytes]: readers refuse chunks of twice that."""
 FLUSH_PERIOD = 0.5
 """Time between writes [s]. A loop or a disk that is late by as much still loses less than a second."""
 MAX_WAITING_BYTES = 64 * 1024 * 1024
@@ -79,6 +81,7 @@ class Recorder:
         self._waiting: deque[int] = deque()  # lengths of the chunks not yet written
         self._unsafe: deque[float] = deque()  # when the chunks not yet forced were handed over
         self._handed, self._dropped = 0, 0
+        self._too_long: set[str] = set()  # keys with messages that are too long
         self._flush_due: float | None = None
         self._is_late = self._is_full = self._is_closed = False
         try:
@@ -137,7 +140,7 @@ class Recorder:
     def write(self, sample: Sample, wall: float) -> None:
         """Record one message, as received, that arrived at `wall` [s, our system clock]."""
         known = self._keys.get(sample.key)
-        if known is None:
+        if known is None or self._is_too_long(sample):
             return
         channel, stamped = known
         arrived = max(round(wall * 1e9), 0)  # an unset clock may be before 1970
@@ -152,6 +155,19 @@ class Recorder:
         self._chunk.add(channel, sequence, arrived, sent, sample.payload)
         if len(self._chunk.raw) > CHUNK_BYTES:
             self._hand_over(self._flush_due or 0.0)
+
+    def _is_too_long(self, sample: Sample) -> bool:
+        """Count a message that no reader would take, and report the first one of each key."""
+        length = len(sample.payload) + len(sample.attachment or b"")
+        if length <= MAX_MESSAGE_BYTES:
+            return False
+        self._dropped += 1
+        if sample.key not in self._too_long:
+            self._too_long.add(sample.key)
+            limit = f"at most {MAX_MESSAGE_BYTES} are recorded"
+            what = f"not recorded: {sample.key} has a message of {length} bytes; {limit}"
+            self._disk.tell(logging.ERROR, what)
+        return True
 
     def flush(self, mono: float) -> None:
         """Hand over the chunk for writing, at most once a period; `mono` [s]. Call it often."""

@@ -13,7 +13,14 @@ from mcap.records import Chunk as ChunkRecord
 
 from formation.monitor.recording.channels import Channels
 from formation.monitor.recording.part import Chunk, Part
-from formation.monitor.recording.reader import Condition, Extent, about_of, condition_of, extent_of
+from formation.monitor.recording.reader import (
+    Condition,
+    Extent,
+    UnreadableError,
+    about_of,
+    condition_of,
+    extent_of,
+)
 from formation.monitor.recording.scan import Contents, Record, Tell, contents, declared, records, understood
 
 
@@ -37,8 +44,8 @@ def recover(path: Path, out: Path, checked: Tell = lambda _: None, copied: Tell 
     """Write what is readable in `path` to `out`, which must not exist; nothing if it is whole already.
 
     `checked` and `copied` are called with the share of `path` that is.
-    Raises UnreadableError if it is no recording, OSError if it cannot be read or written; then there is no
-    `out`.
+    Raises UnreadableError if it is no recording, or damaged so that no message can be read; OSError if it
+    cannot be read or written. Then there is no `out`.
     """
     about = about_of(path)
     condition = condition_of(path, checked)
@@ -49,10 +56,13 @@ def recover(path: Path, out: Path, checked: Tell = lambda _: None, copied: Tell 
     try:
         end = _copy(path, part, channels, copied)
         part.finish()
+        extent = extent_of(out)
+        if condition.damaged and not extent.counts:
+            raise UnreadableError(f"{path}: no message can be read: {condition.words}; keep it as it is")
     except BaseException:
         part.discard()
         raise
-    return Found(condition, extent_of(out), path.stat().st_size - end if condition.is_cut else 0)
+    return Found(condition, extent, path.stat().st_size - end if condition.is_cut else 0)
 
 
 def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> int:

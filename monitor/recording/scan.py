@@ -28,11 +28,11 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 64 * 1024 * 1024
 """Longest record that is read [bytes]. The recorder's own are chunks of a megabyte and one message."""
 MAX_CHUNK_BYTES = 16 * 1024 * 1024
-"""Longest chunk that is read, unpacked [bytes]. The recorder's own have a megabyte and one message; other
-tools that rewrite a recording make chunks of 4 MB. Reading one takes some ten times as much memory."""
+"""Longest chunk that is read, unpacked [bytes]. The recorder's own have a megabyte and one message of 8 MB at
+most; other tools that rewrite a recording make chunks of 4 MB. Reading takes ten times as much memory."""
 MAX_EXPANSION_RATIO = 100
-"""Largest ratio of a chunk's length to that of its packed form. The recorder's own chunks reach 10. A file
-made to keep its reader busy packs zeros 10,000 times; with this bound the time to read a file is
+"""Largest ratio of a chunk's length to that of its packed form. The recorder does not pack what exceeds it.
+A file made to keep its reader busy packs zeros 10,000 times; with this bound the time to read a file is
 proportional to its size."""
 MAX_SUMMARY_BYTES = 256 * 1024 * 1024
 """Longest index that is read [bytes]. An hour of a hundred robots has some forty megabytes."""

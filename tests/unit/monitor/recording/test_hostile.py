@@ -14,7 +14,7 @@ from mcap.records import Chunk, Footer, Header, Metadata, Statistics
 
 from formation.mission.file import read as mission_text
 from formation.monitor.recording.part import packed
-from formation.monitor.recording.reader import Extent, UnreadableError, read
+from formation.monitor.recording.reader import Extent, UnreadableError, condition_of, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.scan import MAGIC, MAX_CHUNK_BYTES, MAX_EXPANSION_RATIO, contents, records
 
@@ -62,7 +62,9 @@ def test_invalid_chunk_is_counted_as_damaged(tmp_path: Path, codec: str, data: b
     file = tmp_path / "bomb.mcap"
     file.write_bytes(top() + chunk(codec, data, size))
     assert list(read(file).messages()) == []
-    assert recover(file, tmp_path / "out.mcap").condition.damaged == 1
+    assert condition_of(file).damaged == 1
+    with pytest.raises(UnreadableError, match=r"no message can be read: .*damaged in one place"):
+        recover(file, tmp_path / "out.mcap")
 
 
 @pytest.mark.parametrize("codec", ["lz4", "zstd"])
@@ -75,7 +77,9 @@ def test_chunk_above_max_expansion_ratio_is_refused(tmp_path: Path, codec: str) 
     file.write_bytes(top() + chunk(codec, data, len(raw)))
     with file.open("rb") as opened:
         assert [contents(one.body) for one in records(opened) if one.opcode == Opcode.CHUNK] == [None]
-    assert recover(file, tmp_path / "out.mcap").condition.damaged == 1
+    assert condition_of(file).damaged == 1
+    with pytest.raises(UnreadableError, match=r"no message can be read: .*damaged in one place"):
+        recover(file, tmp_path / "out.mcap")
 
 
 @pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])

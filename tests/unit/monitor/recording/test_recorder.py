@@ -27,6 +27,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.recording import part as part_module
 from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
 from formation.monitor.recording.part import BLOCK_BYTES, CHUNK_HEAD_BYTES, Chunk, Entry, Index, Part
@@ -92,6 +93,10 @@ def a_bit_of_everything() -> list[Sample]:
         sample_of(ERROR.key(), Number(0.25), 10.6),
     ]
     return sorted(samples, key=lambda sample: sample.arrived)
+
+
+def sample_of_bytes(payload: bytes) -> Sample:
+    return Sample(ODOM.key("robot2"), payload, None, 10.5)
 
 
 def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -> None:
@@ -309,6 +314,54 @@ class Full(io.FileIO):
         done = super().write(memoryview(data)[: self.room])
         self.room -= done
         return done
+
+
+@pytest.mark.parametrize("payload", [bytes(1_000_000), bytes(8_000_000), os.urandom(8_000_000)])
+def test_messages_beside_long_ones_are_read_back(tmp_path: Path, payload: bytes) -> None:
+    good = a_bit_of_everything()
+    written = [*good[:20], sample_of_bytes(payload), *good[20:]]
+    recording = record(tmp_path / "run.mcap", written)
+    assert recording.lost == 0
+    assert [one.sample.payload for one in read_back(tmp_path / "run.mcap").messages()] == [
+        one.payload for one in written
+    ]
+    assert read_back(tmp_path / "run.mcap").condition().words == ""
+    assert len(read_by_mcap(tmp_path / "run.mcap")) >= len(written)
+
+
+def test_message_too_long_for_readers_is_counted_as_lost(tmp_path: Path) -> None:
+    good, long = a_bit_of_everything(), sample_of_bytes(bytes(recorder_module.MAX_MESSAGE_BYTES + 1))
+    recording = record(tmp_path / "run.mcap", [long, *good, long])
+    assert recording.lost == 2
+    assert [one.sample.payload for one in read_back(tmp_path / "run.mcap").messages()] == [
+        one.payload for one in good
+    ]
+    assert len([one for one in recording.notices() if "not recorded: robot2/odom" in one.text]) == 1
+
+
+def test_recording_deleted_before_its_end_is_lost(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap") as recording:
+        for sample in a_bit_of_everything():
+            recording.write(sample, sample.arrived + EPOCH)
+        for moment in (10.0, 11.0):
+            recording.flush(moment)
+        assert recording._disk.catch_up(10.0)
+        (tmp_path / "run.mcap").unlink()
+    assert recording.lost == sum(1 if one.attachment is None else 2 for one in a_bit_of_everything())
+    assert recording.recorded.total() == 0
+
+
+def test_messages_that_cannot_be_forced_are_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with recorder(tmp_path / "run.mcap") as recording:
+        monkeypatch.setattr(part_module, "_sync", fail)
+        for sample in a_bit_of_everything():
+            recording.write(sample, sample.arrived + EPOCH)
+    assert recording.failure == os.strerror(errno.EIO)
+    assert recording.lost == sum(1 if one.attachment is None else 2 for one in a_bit_of_everything())
+    assert recording.recorded.total() == 0
 
 
 def test_failed_write_leaves_file_unchanged_and_usable(tmp_path: Path) -> None:

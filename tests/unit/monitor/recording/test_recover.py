@@ -129,8 +129,11 @@ def test_random_damage_does_not_crash_read_or_recover(
     except UnreadableError:
         return
     kept = bare(recording.messages())
-    recording.condition()
     recording.extent()
+    if recording.condition().damaged and not kept:
+        with pytest.raises(UnreadableError, match="no message can be read"):
+            recover(path, path.with_name("out.mcap"))
+        return
     found = recover(path, path.with_name("out.mcap"))
     if not found.is_whole:
         assert bare(read(path.with_name("out.mcap")).messages()) == kept
@@ -215,6 +218,16 @@ def test_damaged_index_is_reported_and_loses_no_message(tmp_path: Path, whole: b
     assert read(path).condition() == Condition(is_cut=False, damaged=1)
     assert bare(read(path).messages()) == everything
     assert read(path).extent().counts.total() == len(everything)
+
+
+def test_recover_writes_nothing_if_no_message_can_be_read(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run.mcap").write_bytes(whole)
+    monkeypatch.setattr(scan, "MAX_CHUNK_BYTES", 100)
+    with pytest.raises(UnreadableError, match="no message can be read: damaged in 3 places; keep it"):
+        recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
 
 
 def test_recover_does_not_overwrite_a_file(tmp_path: Path, whole: bytes) -> None:
