@@ -20,15 +20,15 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from formation.agent.simulated.localiser import Localiser
 from formation.agent.simulated.plant import Moving, Plant
-from formation.control.plane import rotation
+from formation.control.plane import angle_between, rotation
 from formation.control.tracker import Track, carried_to, first_seen, seen
 from formation.control.unicycle import Command, control_point
 from formation.mission.model import Mission
 from formation.ros2.messages import (
     Displacement,
     LaserScan,
+    MapPose,
     Odometry,
     Pose,
     Twist,
@@ -52,6 +52,12 @@ SECTORS = 10
 """Steps in which a scanner of a known model measures the beams of a turn."""
 VELOCITY_FILTER_TIME = 0.01
 """Time constant of the leader's velocity between its positions [s]; they have no noise."""
+UPDATE_DISTANCE, UPDATE_ANGLE = 0.25, 0.2
+"""Motion of a robot after which AMCL publishes, by default [m; rad]."""
+SCAN_TO_POSE_TIME = 0.15
+"""Time from a scan to the pose that is computed from it [s]."""
+POSE_DEVIATION, HEADING_DEVIATION = 0.02, 0.02
+"""Standard deviations of a localiser's poses, per axis [m; rad]."""
 
 
 def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
@@ -285,6 +291,37 @@ class Ranging:
         place = self._sectors - 1 - step if backwards else step
         first, end = (number * self._scanner.beams // self._sectors for number in (place, place + 1))
         return slice(first, end)
+
+
+class Localiser:
+    """The localiser of one robot: poses in the map as AMCL publishes them, rare, uneven, late and noisy."""
+
+    def __init__(self, noise: np.random.Generator) -> None:
+        self._noise = noise
+        self._last: tuple[complex, complex] | None = None
+        self._waiting: list[tuple[float, MapPose]] = []  # when each is due [s], oldest first
+
+    def poses(self, stamp: float, position: complex, heading: complex) -> list[MapPose]:
+        """Return what it publishes at `stamp` [s], when the robot is at `position` [m], `heading` (unit)."""
+        if self._last is None or self._moved(position, heading):
+            self._last = position, heading
+            x, y, turn = self._noise.normal(size=3)
+            measured = MapPose(
+                stamp,
+                position + POSE_DEVIATION * complex(x, y),
+                heading * rotation(HEADING_DEVIATION * float(turn)),
+                POSE_DEVIATION,
+                HEADING_DEVIATION,
+            )
+            self._waiting.append((stamp + SCAN_TO_POSE_TIME, measured))
+        due = [pose for when, pose in self._waiting if when <= stamp]
+        self._waiting = self._waiting[len(due) :]
+        return due
+
+    def _moved(self, position: complex, heading: complex) -> bool:
+        at, facing = self._last or (position, heading)
+        turned = abs(float(angle_between(facing, heading)))
+        return abs(position - at) >= UPDATE_DISTANCE or turned >= UPDATE_ANGLE
 
 
 class _Robot:
