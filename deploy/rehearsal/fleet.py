@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from formation.agent.core import Agent
 from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.state import Json
-from formation.agent.persistence.store import state_in, state_line
+from formation.agent.persistence.store import Store, state_in, state_line
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
@@ -27,7 +28,6 @@ from formation.agent.watchdog.process import watch
 from formation.deploy.fleet import access
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
 from formation.deploy.rehearsal.engine import UPTIME, Engine, Machine, VirtualProcess
-from formation.deploy.rehearsal.power_cut import cut_stops
 from formation.deploy.rehearsal.sides import Exchange, FleetPort, Permits, RobotPort
 from formation.leader.core import Leader
 from formation.leader.process import lead
@@ -49,6 +49,30 @@ START_SPREAD = 0.2
 """Processes start within this time [s]."""
 BOOT = "rehearsed"
 """Boot id of all machines: none is switched off."""
+WRITER_PATIENCE = 30.0
+"""Longest time that an agent's own writer of files may take [s]; a healthy disk needs a thousandth of it."""
+
+
+class FailingPath(PosixPath):
+    """A path at which each text is cut off in the middle."""
+
+    def write_text(self, data: str, *args: object, **options: object) -> int:  # noqa: ARG002
+        """Write half of `data`. Raises OSError then."""
+        super().write_text(data[: len(data) // 2], encoding="utf-8")
+        raise OSError("the power was cut")
+
+
+def cut_stops(robot: str, before: bytes) -> bytes:
+    """Return what remains of an agent's file of stops if a write of the same stops is cut off."""
+    with tempfile.TemporaryDirectory(prefix="power-cut-") as folder:
+        store = Store(FailingPath(folder), robot)
+        try:
+            Path(store.stops).write_bytes(before)
+            store.write_stops(json.loads(before))
+            store.written(WRITER_PATIENCE)
+            return store.read_stops() or b""
+        finally:
+            store.close()
 
 
 @dataclass

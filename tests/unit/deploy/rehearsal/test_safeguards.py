@@ -109,7 +109,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
     "takes repeated positions": (TRIO, "robot1:again=2@4+10 robot1:kill@7+4", "orders",
         {"agent.following.publisher.AcceptedPublisher._judge": nothing}),
     "tears the file of stops": (TRIO, "robot1:stop@3+4 robot2:torn@4+2", "restored",
-        {"deploy.rehearsal.power_cut.FailingPath.with_suffix": lambda path, _: path}),
+        {"deploy.rehearsal.fleet.FailingPath.with_suffix": lambda path, _: path}),
     "tears the file of states": (TRIO, "robot1:torn@3+1", "restored",
         {"deploy.rehearsal.fleet.state_in": lambda data: data}),
     "forgets a vote": (TRIO, "robot1:kill@3+2", "restored",
