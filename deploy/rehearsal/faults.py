@@ -9,16 +9,18 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from formation.agent.simulated import faults as sensed
 from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.bridges import repeat, restart
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
+from formation.ros2.messages import Odometry, decode, encode
+from formation.topics import ODOM, POSE
 
 FIRST_START, LAST_START = 3.0, 25.0
 """Drawn faults start between these times [s]."""
@@ -222,11 +224,34 @@ def _of_operator(fault: Fault, operator: Operator) -> tuple[Callable[[], object]
 
 
 def _of_bridge(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:
-    name, size = fault.robot, fault.size
+    name, size, local = fault.robot, fault.size, fleet.local
+
+    def repeat(delay: float) -> None:
+        for topic in (ODOM, POSE):
+            local.repeats[topic.key(name)] = delay  # 0: not any more
+
+    def restart() -> None:
+        local.changes[ODOM.key(name)] = Restarted().changed
+
     return {
-        "repeat": (lambda: repeat(fleet, name, size), lambda: repeat(fleet, name, 0.0)),
-        "restart": (lambda: restart(fleet, name), lambda: None),
+        "repeat": (lambda: repeat(size), lambda: repeat(0.0)),
+        "restart": (restart, lambda: None),
     }[fault.kind]
+
+
+class Restarted:
+    """Odometry that counts from the first message on."""
+
+    def __init__(self) -> None:
+        self._zero: Odometry | None = None
+
+    def changed(self, payload: bytes) -> bytes:
+        """The message as the restarted driver sends it."""
+        odometry = decode(Odometry, payload)
+        zero = self._zero = self._zero or odometry
+        back = zero.heading.conjugate()
+        position, heading = back * (odometry.position - zero.position), back * odometry.heading
+        return encode(replace(odometry, position=position, heading=heading))
 
 
 def _of_insider(fault: Fault, fleet: Fleet) -> None:

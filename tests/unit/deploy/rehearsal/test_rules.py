@@ -8,7 +8,7 @@ import pytest
 
 from formation.agent.core import Agent
 from formation.deploy.rehearsal import rehearsal
-from formation.deploy.rehearsal.bridges import Restarted
+from formation.deploy.rehearsal.faults import Restarted
 from formation.deploy.rehearsal.rules import places, settling
 from formation.deploy.rehearsal.rules.places import room
 from formation.deploy.rehearsal.rules.received import Newest, OrdersReceived
