@@ -13,6 +13,9 @@ from hypothesis import strategies as st
 
 from formation.agent.following.orders import Orders
 from formation.agent.following.slots import MAX_SLOT_SPEED_SHARE, Slots
+from formation.control.controller import Gains, Measured
+from formation.control.laws import LAWS
+from formation.control.pipeline import ControlState, Inputs, constrained
 from formation.control.ramp import FIRST_CHANGE_SHARE, MAX_RAMP_PERIODS
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
@@ -27,12 +30,27 @@ from tests.support.fleet import Fleet
 from tests.support.meddling import reordered
 from tests.support.missions import team, with_robots
 from tests.unit.agent.sudden import largest_command_change
-from tests.unit.agent.wished import ConstrainedCommands
 
 SIX = load("six_robots")
 GAP = 0.15
 """Silence of an agent after which the watchdog stops its robot [s]."""
 WANTED = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+
+
+class ConstrainedCommands:
+    """The stages after the law, with their state, for a robot with nothing around it."""
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        self._params, self._state = mission.control(robot, LAWS["field"]), ControlState()
+        self.newest = AT_REST
+        """The newest command."""
+
+    def put(self, moment: float, wanted: Command) -> Command:
+        """Return the command at `moment` [s] for the wanted one."""
+        inputs = Inputs(moment, 0.0, 1.0 + 0.0j, Measured(0j, 0j, 1), Gains(1.0, 0.0))
+        self._state, outcome = constrained(self._state, wanted, inputs, (), self._params)
+        self.newest = outcome.command
+        return outcome.command
 
 
 def greatest_edge_error(fleet: Fleet) -> float:
