@@ -90,7 +90,7 @@ class Child:
             self._errors.append(line)
 
 
-def until(condition: Callable[[], bool]) -> float:
+def until(condition: Callable[[], object]) -> float:
     """Wait for what must come; how long it took [s]."""
     start = time.monotonic()
     while not condition():

@@ -15,19 +15,13 @@ import pytest
 
 from formation.agent.persistence import store
 from formation.agent.persistence.store import Store, Worker, boot_id
+from tests.support.child import until
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Iterator[Store]:
     with closing(Store(tmp_path / "made" / "state", "robot2")) as one:
         yield one
-
-
-def until(condition: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
 
 
 def test_new_store_reads_none(files: Store) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from formation.monitor.web.address import IN_USE, Bind, listening
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.actor import Actor, router
+from tests.support import launched
 from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 from tests.support.looking import PLAIN, looking
 
@@ -188,7 +188,12 @@ def test_invalid_page_flags_are_refused(flags: tuple[str, ...], words: str) -> N
 
 
 def test_two_runs_print_different_page_addresses_first(tmp_path: Path) -> None:
-    with running(tmp_path / "one") as one, running(tmp_path / "two", "--control") as two:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    with (
+        launched.started("turtlebot3_pair", folder=tmp_path / "one") as one,
+        launched.started("turtlebot3_pair", "--control", folder=tmp_path / "two") as two,
+    ):
         pages = [address_of(one), address_of(two)]
         assert pages[0] != pages[1]
         assert "#token=" in pages[1]
@@ -202,20 +207,6 @@ def test_two_runs_print_different_page_addresses_first(tmp_path: Path) -> None:
             os.kill(process.pid, signal.SIGINT)
         for process in (one, two):
             process.communicate(timeout=90.0)
-
-
-@contextmanager
-def running(folder: Path, *flags: str) -> Iterator[subprocess.Popen[str]]:
-    """`formation run turtlebot3_pair` in `folder`."""
-    folder.mkdir()
-    command = [sys.executable, "-m", "formation.deploy", "run", "turtlebot3_pair", "--json", *flags]
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
