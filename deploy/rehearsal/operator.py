@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -23,6 +24,8 @@ QUERY_TIME = 0.5
 """Time for the answers to a query [s]."""
 WAVER_PERIOD = 0.3
 """Time between the orders of a wavering operator [s]."""
+SAME_DRIVER_SECONDS = 1.0
+"""Time after which the next drive is that of another driver [s]."""
 
 
 class Operator:
@@ -30,6 +33,7 @@ class Operator:
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet, self._number = fleet, 0
+        self._driver = Remote(fleet.mission, ""), -math.inf  # the newest, and when it lets go [s]
         self._names = (*fleet.mission.candidates, *fleet.mission.followers)
         self.listeners: list[Callable[[str, OperatorRequest, OperatorReply], None]] = []
         """Called with each answer, and the name of the robot or candidate."""
@@ -81,8 +85,11 @@ class Operator:
         `velocity` gives forward speed [m/s] and turn rate [rad/s] at a time since now [s].
         """
         now = self._fleet.engine.now
-        self._drive(Remote(self._fleet.mission, f"driver-{self._number}"), velocity, now, now + seconds)
-        self._number += 1
+        remote, ended = self._driver
+        if not -0.5 * PERIOD_SECONDS <= now - ended <= SAME_DRIVER_SECONDS:
+            remote, self._number = Remote(self._fleet.mission, f"driver-{self._number}"), self._number + 1
+        self._driver = remote, now + seconds
+        self._drive(remote, velocity, now, now + seconds)
 
     def _drive(
         self, remote: Remote, velocity: Callable[[float], tuple[float, float]], began: float, end: float

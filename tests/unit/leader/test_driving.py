@@ -122,7 +122,36 @@ def test_second_driver_is_refused_while_the_first_drives() -> None:
     assert driver.send(end + 0.02, 0.1).ok
     drive(leader, end + 0.03, 0.5)
     other.send(end + 0.55, 0.2)
-    assert other.send(end + 0.56, 0.2).ok
+    assert "let go" in other.send(end + 0.56, 0.2).reason
+    assert other.send(end + 0.57, 0.0).ok
+    assert other.send(end + 0.58, 0.2).ok
+
+
+def test_driver_that_waited_with_a_held_stick_does_not_drive_on() -> None:
+    leader, driver, end = driven()
+    other = Driver(leader, "driver-2")
+    other.send(end, 0.2)
+    for i in range(1, 4):
+        driver.send(end + 0.05 * i, 0.0)
+        assert not other.send(end + 0.05 * i, 0.2).ok
+        leader.step(at(end + 0.05 * i + 1e-4), [])
+    place = leader.plan.where()
+    end = other.hold_stick(end + 0.2, 3.0, 0.2)
+    assert leader.plan.where() == place
+    end = other.hold_stick(end + 0.05, 0.1, 0.0)
+    other.hold_stick(end + 0.05, 0.5, 0.2)
+    assert leader.plan.where() != place
+
+
+def test_idle_driver_keeps_out_no_driver_that_begins_from_zero() -> None:
+    leader, driver, end = driven()
+    other, answers = Driver(leader, "driver-2"), {}
+    for now, forward in [*((end + 0.1 * i, 0.1) for i in range(1, 20)), (end + 2.0, 0.0), (end + 2.1, 0.1)]:
+        last = driver.send(now, 0.0)
+        answers[now] = other.send(now + 0.01, forward)
+    assert [answer.ok for answer in answers.values()] == [False] * 19 + [True] * 2
+    assert last.ok
+    assert driver.send(end + 2.2, 0.0).reason == "driver-2 drives"
 
 
 def test_driver_without_an_id_is_refused() -> None:
@@ -148,6 +177,30 @@ def test_ordered_route_ends_the_drive() -> None:
     leader.request(json_message.encode(speed), end + 0.01)
     drive(leader, end + 0.02, 2.0)
     assert leader.mode == "run"
+    assert leader.plan.route.id != "driven"
+
+
+def order_speed(leader: Leader, now: float, name: str = "s") -> None:
+    request = OperatorRequest(do="speed", speed=0.0, degrees=0.0, id=name)
+    assert json_message.decode(OperatorReply, leader.request(json_message.encode(request), now)).ok
+
+
+def test_second_order_gives_held_stick_nothing_back() -> None:
+    leader, driver, end = driven()
+    order_speed(leader, end + 0.01)
+    end = driver.hold_stick(end + 0.05, 0.5, 0.1)
+    order_speed(leader, end + 0.01, "again")
+    driver.hold_stick(end + 0.05, 0.5, 0.1)
+    assert leader.plan.route.id != "driven"
+
+
+def test_late_copy_of_first_request_gives_held_stick_nothing_back() -> None:
+    leader, driver, end = driven()
+    order_speed(leader, end + 0.01)
+    newest, driver.token = driver.token, 0
+    driver.send(end + 0.02, 0.1)
+    driver.token = newest
+    driver.hold_stick(end + 0.05, 0.5, 0.1)
     assert leader.plan.route.id != "driven"
 
 
@@ -211,6 +264,18 @@ def test_standby_holds_after_takeover_of_a_drive() -> None:
     assert other.mode == "run"
 
 
+def test_held_stick_moves_next_leader_only_after_release() -> None:
+    leader, driver, end = driven()
+    driver.leader = other = leading(CONVOY)
+    other.plan.restore(leader.plan.order(1, 5, "run"))
+    place = other.plan.where()
+    end = driver.hold_stick(end + 0.05, 1.0, 0.1)
+    assert other.plan.where() == place
+    end = driver.hold_stick(end + 0.05, 0.1, 0.0)
+    driver.hold_stick(end + 0.05, 0.5, 0.1)
+    assert other.plan.where() != place
+
+
 def test_leader_stops_at_the_bounds() -> None:
     leader = leading(load("convoy").changed(bounds=None))
     driver = Driver(leader)
@@ -252,7 +317,9 @@ def test_token_of_another_process_moves_nothing() -> None:
     driver.leader = other
     assert "too late" in driver.send(end + 0.05, 0.1).reason
     assert other.plan.route.id != "driven"
-    assert driver.send(end + 0.1, 0.1).ok
+    assert "let go" in driver.send(end + 0.1, 0.1).reason
+    assert driver.send(end + 0.15, 0.0).ok
+    assert driver.send(end + 0.2, 0.1).ok
 
 
 def test_turning_leader_keeps_slots_within_the_bounds() -> None:
