@@ -6,7 +6,8 @@ thus takes one period per hop, and no single message, however high its beat, mov
 
 The leader counts beats at an even rate, so the beat gives the lateness of its order. An order much later than
 the quickest of its term is too old to act on. So a robot behind a link that gets slower and slower holds soon
-after its leader has died, before it has read all queued messages.
+after its leader has died, before it has read all queued messages. A driven order that is later than
+`Order.timeout` counts as silence of its lateness, so robots hold; they relay it, as its leader is alive.
 
 Orders that place a slot outside the mission's bounds are refused, from every sender.
 
@@ -55,7 +56,7 @@ class OrdersState:
     newest: Order | None = None
     """The newest order of a leader that has been seen alive; None before the first."""
     rose: float = float("-inf")
-    """When its beat last rose [s, monotonic]."""
+    """When its beat last rose [s, monotonic]; for an order later than its timeout, when it was due."""
     age: float = 0.0
     """Time from the leader's step to then, as far as its relays know [s]."""
     signed: tuple[str, str] = "", ""
@@ -185,10 +186,13 @@ class Orders:
         if before is None or received.term != before[0].term or not self._supersedes(received):
             return
         if rises(received.beat, before[0].beat, arrived - before[1], self._rate):
-            self._check_late(received, arrived)
-            state.newest, state.signed, state.rose, state.lived = received, signed, arrived, arrived
-            state.age = age
+            late = self._lateness(received, arrived)
+            _check_late(late, MAX_BEAT_LATENESS)
+            silent = late if late > received.timeout else 0.0
+            state.newest, state.signed, state.lived = received, signed, arrived
+            state.rose, state.age = arrived - silent, age - silent
             self.voter.follows(received.term, arrived)
+            _check_late(late, received.timeout)
 
     def doubt(self) -> None:
         """Require two new messages with a rising beat: this process was frozen."""
@@ -229,10 +233,12 @@ class Orders:
         """Whether an order that is not refused replaces the newest one."""
         return newer(received, self.newest) or (self.newest is not None and received.term < self.newest.term)
 
-    def _check_late(self, received: Order, arrived: float) -> None:
+    def _lateness(self, received: Order, arrived: float) -> float:
         stamp = received.beat / self._rate
         self.state.beats, late = counted(self.state.beats, received.term, stamp, arrived, MAX_BEAT_LATENESS)
-        if late > MAX_BEAT_LATENESS:
-            raise TooLateError(
-                f"order too late: {late:.2f} s later than the quickest; limit {MAX_BEAT_LATENESS:g} s"
-            )
+        return late
+
+
+def _check_late(late: float, limit: float) -> None:
+    if late > limit:
+        raise TooLateError(f"order too late: {late:.2f} s later than the quickest; limit {limit:g} s")

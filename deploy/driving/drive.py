@@ -41,10 +41,11 @@ Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q end
   j  k  l      turn left, stop, turn right
   m  ,  .      back
 
-When you let go of a gamepad's button, all robots hold at once. Keys: up to 0.6 s after a tap, 0.15 s after a
-held key. --topic: 0.3 s after the last message. If nothing reaches the leader, all hold 0.3 s after the
-newest input that did. To end a hold, order `run`; to end a stop, order `release`, then `run`. An order of a
-speed or a route ends the drive.
+When you let go of a gamepad's button, the leader orders all robots to hold at once. Keys: up to 0.6 s after
+a tap, 0.15 s after a held key. --topic: 0.3 s after the last message. If nothing reaches the leader: 0.3 s
+after the newest input that did. Each robot holds when the order reaches it: the delays of all hops add up,
+and have no limit if they are the same from the start. To end a hold, order `run`; to end a stop, order
+`release`, then `run`. An order of a speed or a route ends the drive: let go, then drive again.
 
 Exit code 0: ended by the driver; 1: the input failed; 2: nothing was started.
 """

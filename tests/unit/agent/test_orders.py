@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 
 from formation.agent.following.orders import Orders
-from formation.agent.pose.stream import MAX_STAMP_OFFSET
+from formation.agent.pose.stream import MAX_STAMP_OFFSET, TooLateError
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.attachment import PositionAttachment
@@ -34,10 +34,11 @@ class Receiver:
     mono: float = 0.0
 
     def receive(
-        self, beat: int, *, term: int = TERM, of: str = "robot1", mode: Mode = "run", after: float = PERIOD
-    ) -> None:
+        self, beat: int, *, term: int = TERM, of: str = "robot1", mode: Mode = "run", after: float = PERIOD,
+        driven: bool = False,
+    ) -> None:  # fmt: skip
         self.mono += after
-        received = Order(term=term, beat=beat, mode=mode, shape="hexagon")
+        received = Order(term=term, beat=beat, mode=mode, shape="hexagon", driven=driven)
         self.orders.receive(received, of, self.mono, at(self.mono))
 
     @property
@@ -63,6 +64,21 @@ def test_order_counts_once_its_beat_has_risen() -> None:
     receiver.receive(8)
     assert receiver.newest == (TERM, 8)
     assert receiver.orders.state.rose == receiver.mono
+
+
+@pytest.mark.parametrize(
+    ("late", "driven", "counts"), [(0.25, True, True), (0.35, True, False), (0.35, False, True)]
+)
+def test_driven_order_later_than_drive_timeout_is_relayed_and_moves_nothing(
+    after_three_beats: Receiver, late: float, driven: bool, counts: bool
+) -> None:
+    receiver = after_three_beats
+    with nullcontext() if counts else pytest.raises(TooLateError, match=r"limit 0\.3 s"):
+        receiver.receive(4, after=PERIOD + late, driven=driven)
+    assert receiver.newest == (TERM, 4)
+    assert receiver.orders.state.lived == receiver.mono
+    silence = 0.0 if counts else pytest.approx(late, abs=1e-3)
+    assert receiver.mono - receiver.orders.state.rose == silence
 
 
 def test_beat_must_rise_at_the_same_neighbour(after_three_beats: Receiver) -> None:

@@ -50,6 +50,14 @@ def test_all_robots_stand_soon_after_driver_lets_go(rehearsed_fleet: MakeRehears
     assert all(abs(fleet.position(name) - place) < 0.005 for name, place in places.items())
 
 
+def test_robots_behind_a_slower_link_stand_soon_after_driver_lets_go(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("convoy", faults=["robot1:delay=0.3@4"])
+    fleet.run(1.0)
+    fleet.drive(0.15, seconds=6.0)
+    fleet.run(STAND_SECONDS)
+    assert at_rest(fleet)
+
+
 @pytest.mark.parametrize("seed", [0, *slow(1)])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_all_robots_stand_soon_after_a_failure(
