@@ -2,7 +2,8 @@
 
 An edge's error is a follower's distance from its place relative to a neighbour that it measures. While the
 largest is under half of the bound, the leader keeps its speed; from there to the bound it slows to a stand.
-It stops waiting for a robot after its patience has passed, until that robot is back in its place.
+It stops waiting for a robot after its patience has passed, until that robot is back in its place. On a route
+it does not wait for silent robots; driven by hand it does, as a robot in its place would have to catch up.
 """
 
 from __future__ import annotations
@@ -52,11 +53,19 @@ class Cohesion:
         self._received[robot] = _LastPosition(arrived, point)
 
     def step(
-        self, mono: float, dt: float, leader: complex, velocity: complex, placed_shape: PlacedShape
+        self,
+        mono: float,
+        dt: float,
+        leader: complex,
+        velocity: complex,
+        placed_shape: PlacedShape,
+        *,
+        driven: bool = False,
     ) -> float:
         """Return the share of its speed that the leader may use for the next `dt` [s].
 
         It is at `leader` [m; world frame] with the route's `velocity` [m/s]; `placed_shape` gives the slots.
+        If it is `driven` by hand, it also waits for robots that were received once and are silent.
         """
         if self._bound is None:
             return 1.0
@@ -65,14 +74,15 @@ class Cohesion:
             for name, received in self._received.items()
             if mono - received.arrived <= LEADER_TIMEOUT_SECONDS
         }
+        silent = self._received.keys() - points.keys() if driven else set()
         given_up = self._given_up(mono)
         errors = self._errors({self._mission.leader: leader, **points}, placed_shape, given_up)
-        late = {name for name, error in errors.items() if error > 0.5 * self._bound.error}
+        late = {name for name, error in errors.items() if error > 0.5 * self._bound.error} | silent
         self._since = {name: self._since.get(name, mono) for name in late}
         counted = {name: error for name, error in errors.items() if name not in given_up}
         self.error = max(counted.values(), default=0.0)
-        self.waits_for = tuple(sorted(late & counted.keys(), key=lambda name: -errors[name]))
-        wanted = _pace(self.error / self._bound.error)
+        self.waits_for = tuple(sorted(late - given_up, key=lambda name: -errors.get(name, math.inf)))
+        wanted = 0.0 if silent - given_up else _pace(self.error / self._bound.error)
         self.pace = min(max(wanted, self.pace - MAX_PACE_FALL_RATE * dt), self.pace + MAX_PACE_RISE_RATE * dt)
         return self.pace
 

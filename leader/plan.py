@@ -167,7 +167,9 @@ class Plan:
             slots = [self.wanted.slot(self._mission, name) for name in self._mission.followers]
             self._drive_from_here(self.driver.advance(limits(self._mission, slots), dt, mono))
         before, placed_shape = self.route_time, self.shape_transition.placed_shape
-        pace = self.cohesion.step(mono, dt, self.where(), self.route.velocity(before), placed_shape)
+        pace = self.cohesion.step(
+            mono, dt, self.where(), self.route.velocity(before), placed_shape, driven=self.driven
+        )
         self.fenced = self._fenced(dt)
         self.route_time += pace * dt if self.fenced is None else 0.0
         self.shape_transition.advance(

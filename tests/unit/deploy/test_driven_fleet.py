@@ -74,6 +74,16 @@ def test_all_robots_stand_soon_after_a_failure(
     assert at_rest(fleet)
 
 
+def test_leader_stays_with_dead_robot_in_its_place(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("convoy")
+    fleet.drive(0.15, seconds=4.0)
+    fleet.kill("robot1")
+    fleet.drive(0.15, seconds=6.0)
+    bound = fleet.mission.cohesion
+    assert bound is not None
+    assert abs(fleet._fleet.leading.plan.where() - fleet.position("robot1")) < bound.error
+
+
 @pytest.mark.slow
 def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet(MISSIONS / "trio.toml")

@@ -78,6 +78,24 @@ def test_leader_does_not_wait_for_silent_robots() -> None:
     assert patience.waits_for == ()
 
 
+@pytest.mark.parametrize("patience", [None, 2.0])
+def test_driven_leader_waits_for_silent_robot_within_patience(patience: float | None) -> None:
+    cohesion = Patience(bound(patience))
+    receive(cohesion, 0.0, {})
+    del cohesion._received["robot4"]  # never received
+    result = {}
+    for k in range(100):
+        mono = 0.05 * k
+        for name in cohesion._received.keys() - {"robot5"}:
+            point = FIRST.slot(SIX, name) - SIX.robots[name].control_point_offset
+            cohesion.receive(name, Pose(1.7e9, point, 1.0 + 0j), mono)
+        result[k] = cohesion.step(mono, 0.05, 0j, 0j, FIRST, driven=True)
+        if k == 40:
+            assert cohesion.waits_for == ("robot5",)
+    assert (result[20], result[40]) == (1.0, 0.0)
+    assert result[99] == (0.0 if patience is None else pytest.approx(0.95, abs=0.05))
+
+
 @pytest.mark.slow
 def test_leader_waits_for_stopped_robot_until_it_runs() -> None:
     fleet = Fleet(bound(), seed=3)
