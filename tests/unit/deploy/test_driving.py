@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import struct
 from argparse import Namespace
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -134,6 +136,20 @@ def test_twist_expires_after_the_machine_was_suspended(monkeypatch: pytest.Monke
     with drive._topic(options, Twists(0.2, 1.0)) as read:
         assert read() == Share(0.5, 0.0)
         assert read() == RELEASED
+
+
+@pytest.mark.parametrize("speed", [math.nan, math.inf])
+def test_twist_without_finite_speed_ends_the_drive(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
+    payload = encode(Twist(0.125, 0.0)).replace(struct.pack("<d", 0.125), struct.pack("<d", speed))
+    sample = Sample("cmd_vel", payload, None, clock.monotonic())
+    monkeypatch.setattr(drive, "listening", lambda *_: nullcontext(SimpleNamespace(drain=lambda: [sample])))
+    options = Namespace(ros="", topic="/cmd_vel", domain=0)
+    with (
+        drive._topic(options, Twists(0.2, 1.0)) as read,
+        pytest.raises(drive.Ended, match=f"cmd_vel: .*speed is {speed}") as ended,
+    ):
+        read()
+    assert ended.value.code == 1
 
 
 def replied(robot: str, token: int, *, leads: bool = True, reason: str = "") -> bytes:
