@@ -379,6 +379,7 @@ class Leader:
         self.plan.check_driver(now.mono)
         if self._stepped is not None and now.mono - self._stepped > expiry(self.mission):
             self.plan.team_mode.slept()
+            self.operator_requests.goes_on(now.mono)
             self.notes.append(f"has slept for {now.mono - self._stepped:.0f} s: {self.mode}")
         before, self._in_force = self._in_force, self.plan.in_force
         changed = before not in {(), self._in_force}

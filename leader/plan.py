@@ -40,9 +40,12 @@ MAX_ROUTE_TIME = 1e9
 class TeamMode:
     """The mode of a candidate, and how an operator changes it."""
 
-    def __init__(self, *, hold: bool = False) -> None:
-        """With `hold`, the fleet waits until told to run, unless it is under way."""
-        self.base_mode: Literal["hold", "run"] = "hold" if hold else "run"
+    def __init__(self, *, hold: bool = False, publisher_id: str = "") -> None:
+        """With `hold`, the fleet waits until told to run, unless it is under way.
+
+        `publisher_id` is that of its process: no request from before its start names a hold with it.
+        """
+        self.base_mode: Literal["hold", "run"] = "run"
         """The mode in force without a stop or a hold."""
         self.rest = Rest()
         """The operator's stop and hold. Each candidate keeps them, also while another leads."""
@@ -50,8 +53,16 @@ class TeamMode:
         """Why it cannot run even if told to."""
         self.undriven = False
         """Whether it is driven by hand, and no velocity comes."""
-        self._hold = hold
+        self._hold, self._publisher_id = hold, publisher_id
+        self._own_hold, self._own_holds = "", 0  # id of the newest hold of its own, and how many there were
         self._run_requested = False  # told to run, which is newer than the relayed order
+        if hold:
+            self.wait("start")
+
+    @property
+    def hold(self) -> str:
+        """Id of the hold that ``run`` has to name: an operator's, else its own; empty for none."""
+        return self.rest.hold or (self._own_hold if self.base_mode == "hold" else "")
 
     @property
     def mode(self) -> Mode:
@@ -66,10 +77,18 @@ class TeamMode:
         """
         if request.do == "run" and leads and self.lost and not self.rest.stop:
             return Result(ok=False, reason=str(self.lost))
-        result = self.rest.change(request, fact)
-        if request.do == "run" and leads and result.ok:
-            self.base_mode, self._run_requested = "run", True
+        if request.do != "run" or not leads:
+            return self.rest.change(request, fact)
+        result = Rest(self.rest.stop, self.hold).change(request, fact)
+        if result.ok:
+            self.rest.hold, self.base_mode, self._run_requested = "", "run", True
         return result
+
+    def wait(self, why: str) -> None:
+        """Hold the fleet until told to run; `why` begins the hold's id."""
+        self._own_holds += 1
+        self._own_hold = f"{why}-{self._publisher_id}-{self._own_holds}"
+        self.base_mode, self._run_requested = "hold", False
 
     def restore(self, order: Order, *, under_way: bool = True) -> None:
         """Take over another leader's mode. A stop or a hold of either stays.
@@ -79,14 +98,17 @@ class TeamMode:
         self.inherit_stop(order)
         if self._run_requested:
             return
-        self.base_mode = order.base_mode if under_way or not self._hold else "hold"
+        if order.base_mode == "run" and (under_way or not self._hold):
+            self.base_mode = "run"
+        elif self.base_mode == "run":
+            self.wait("term")
         if order.holding:
             self.rest.hold = self.rest.hold or f"term-{order.term}"
 
     def slept(self) -> None:
         """Wait for ``run``, if started to hold: the fleet has been without a leader for long."""
         if self._hold:
-            self.base_mode, self._run_requested = "hold", False
+            self.wait("slept")
 
     def inherit_stop(self, order: Order) -> None:
         """Stop if another leader was stopped. An order has no ids, so the stop gets a new one."""
@@ -100,12 +122,13 @@ class TeamMode:
         """
         if self.lost is None:
             return False
-        self.lost, self.base_mode = None, "hold"
+        self.lost = None
+        self.wait("route")
         return True
 
     def end(self) -> None:
         """Leave a hold to the next leader: an operator has ended this one, and no other takes its place."""
-        self.base_mode = "hold"
+        self.wait("ended")
 
     def stand_by(self) -> None:
         """Become a standby: the mode is later restored from the leader's orders."""
@@ -122,7 +145,7 @@ class Plan:
 
         `publisher_id` is that of its process.
         """
-        self.team_mode = TeamMode(hold=hold)
+        self.team_mode = TeamMode(hold=hold, publisher_id=publisher_id)
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
         """Time on its route, which gives its place on it [s]."""

@@ -62,11 +62,11 @@ class OperatorRequests:
         self._requests: list[tuple[AnsweredRequest, int]] = []  # recent ones, with their number of statuses
 
     def goes_on(self, mono: float) -> None:
-        """Note that it took over another leader's mode at `mono` [s].
+        """Note that it began to lead, took over another leader's mode or has slept, at `mono` [s].
 
-        A request to run from before an inherited stop no longer counts.
+        A request to run from before a stop or a hold that is then in force no longer counts.
         """
-        if self._plan.team_mode.rest.mode:
+        if self._plan.team_mode.rest.stop or self._plan.team_mode.hold:
             self._once.rest(mono)
 
     def answer(self, request: OperatorRequest, received: float) -> bytes:
@@ -77,9 +77,9 @@ class OperatorRequests:
 
     def _own_answer(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request for this mission, or for any."""
-        rest = self._plan.team_mode.rest
         if request.do == "query":
-            return self.reply(ok=True, stop=rest.stop, hold=rest.hold)
+            mode = self._plan.team_mode
+            return self.reply(ok=True, stop=mode.rest.stop, hold=mode.hold)
         why = self._not_mine(request)
         if why:
             return self.reply(ok=False, reason=why)

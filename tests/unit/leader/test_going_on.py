@@ -10,8 +10,10 @@ import pytest
 from formation.leader.core import Leader
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
+from formation.protocol import json_message
 from formation.protocol.election import TERM_EXPIRY_TIME
 from formation.protocol.order import Mode, Order, Place, Slots, newer
+from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from tests.support.fleet import Fleet, at
 from tests.unit.leader.leading import (
@@ -314,3 +316,25 @@ def test_leader_waits_for_run_after_it_slept_for_long(seconds: float, mode: str)
     woken = sent[-1].mono + seconds
     assert {one.order.mode for one in positions(woken, leader.step(at(woken), []))} == {mode}
     assert ask(leader, "run", woken + 0.1).mode == "run"
+
+
+@pytest.mark.parametrize("ends", [(), ("hold-of-another-process",)])
+def test_earlier_run_starts_no_leader_that_waits(ends: tuple[str, ...]) -> None:
+    """Be it a copy, or late: a hold of the leader's own has an id of this process."""
+    for leader, age in ((leading(PAIR, hold=True, publisher_id="new"), 150.0), (slept(), 50.0)):
+        early = json_message.encode(OperatorRequest(do="run", id="early", ends=ends))
+        assert not json_message.decode(OperatorReply, leader.request(early, 100.0)).ok
+        assert leader.mode == "hold"
+        (named,) = {ask(leader, '{"do":"query"}', 100.0).hold}
+        aged = OperatorRequest(do="run", id="late", ends=(named,), age=age)
+        assert not ask(leader, json_message.encode(aged), 100.0).ok
+        assert ask(leader, "run", 100.0).mode == "run"
+
+
+def slept() -> Leader:
+    """A leader with --hold that was told to run, and then slept."""
+    leader = leading(PAIR, hold=True)
+    ask(leader, "run", 0.1)
+    drive(leader, 0.1, 1.0)
+    leader.step(at(99.0), [])
+    return leader
