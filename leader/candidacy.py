@@ -15,6 +15,7 @@ from formation.protocol.election import (
     LEASE_TIME,
     LISTENING_TIME,
     RANK_WAIT,
+    READING_TIME,
     RENEWAL_PERIOD,
     REPORT_TIME,
     VOTE_BOUND_TIME,
@@ -63,6 +64,8 @@ class Candidacy:
         self._quarantine = quarantine(mission)
         self._period = RENEWAL_PERIOD * min(1.0, mission.takeover)
         self._began: float | None = None
+        self._first_received: float | None = None  # arrival of the first position
+        self._read = self._unread = 0  # newest terms of relayed orders: of those that it could read, and not
         self._led = False  # whether a term is known, so the fleet is not just being started
         self._listened = float("inf")  # when it stopped listening and became a standby
         self._last_sign = float("-inf")  # when there was last a sign of a leader or another candidate
@@ -100,12 +103,22 @@ class Candidacy:
         if self._began is None:
             return float("-inf")
         if self.state == "listening":
-            return self._began + LISTENING_TIME
+            return self._listens_until
         if not self._votes:
             return float("inf") if self.leading else self._last_sign + LEADER_TIMEOUT_SECONDS
         if self.state == "standby":
             return self._stands_at
         return min(self._next, self._ends_at)
+
+    @property
+    def receives(self) -> bool:
+        """Whether it has received any robot, of whatever mission."""
+        return self._first_received is not None
+
+    @property
+    def unread(self) -> bool:
+        """Whether robots relay an order that is newer than all that it could read."""
+        return self._unread > self._read
 
     def receive(self, robot: str, attachment: PositionAttachment, arrived: float, now: Now) -> None:
         """Take in what came with a follower's position.
@@ -114,6 +127,7 @@ class Candidacy:
 
         Raises BadMessage for an absurd term, another mission, and a repeated message.
         """
+        self._first_received = arrived if self._first_received is None else self._first_received
         check_mission(robot, attachment.mission, self._mission.tag)
         order_term = attachment.order.term if attachment.order else attachment.term
         check_term(max(attachment.voted_term, order_term), now)
@@ -128,6 +142,8 @@ class Candidacy:
             self._count(robot, attachment, arrived)
         if attachment.order is not None:
             self._relayed(sender, attachment.order, arrived)
+            self._read = max(self._read, attachment.order.term)
+        self._unread = max(self._unread, attachment.term)
         self.known = max(self.known, attachment.voted_term, attachment.term)
         self._led = self._led or bool(attachment.voted_term or attachment.order)
         if not attachment.readonly:
@@ -242,11 +258,22 @@ class Candidacy:
         return late <= MAX_BEAT_LATENESS
 
     def _listen(self, now: Now) -> None:
-        if self.state != "listening":
-            return
-        begun = now.mono if self._began is None else self._began
-        if self._awaited <= self._received.keys() or now.mono - begun >= LISTENING_TIME:
+        if self.state == "listening" and now.mono >= self._listens_until:
             self.state, self._listened = "standby", now.mono
+
+    @property
+    def _listens_until(self) -> float:
+        """Until when it listens if nothing more arrives [s, monotonic].
+
+        Without standbys until it has received a robot: a leader that is received and receives nothing would
+        replace the order that robots relay, with its stop and its place, by one from the route's start.
+        """
+        since = self._first_received if self._first_received is not None or not self._votes else self._began
+        if since is None:
+            return float("inf")
+        if self.unread:
+            return since + READING_TIME
+        return float("-inf") if self._awaited <= self._received.keys() else since + LISTENING_TIME
 
     def _lead_alone(self, now: Now) -> None:
         """Lead without votes, unless a leader of a later term is alive."""

@@ -44,6 +44,8 @@ ROUTE_RATE = 1.0
 """Rate of route messages [Hz]."""
 CERTIFICATE_RATE = 1.0
 """Rate of certificates [Hz]."""
+CATCH_UP_TIME = 5.0
+"""How long after the first relayed order a new leader still takes a stop or a hold from before it [s]."""
 FORGERY_TIME = 10.0
 """How long a robot is named after its newest forged order; the alarm repeats after as long a silence [s]."""
 
@@ -107,8 +109,10 @@ class Leader:
         self._stepped: float | None = None  # when that was [s, monotonic]
         self._leads, self._terms_led, self.beat, self._count = False, 0, 0, 0
         self._began = 0.0  # when the first beat of this term was [s, monotonic]
-        self._unsure = False  # leads, and does not know yet whether there was an earlier order
-        self._late: tuple[Order, bool] | None = None  # the earlier order, and whether it is stale
+        self._continued: Order | None = None  # the earlier order from which it went on
+        self._late: tuple[Order, bool] | None = None  # a newer one of these, and whether it is stale
+        self._obeyed_by: set[str] = set()  # robots that have relayed this term
+        self._sure_at = 0.0  # from when on an earlier order counts no more [s, monotonic]
         robots = linked(mission).union(mission.waited_for)
         self._followers = {POSITION.key(robot): robot for robot in mission.followers if robot in robots}
         others = [other for other in mission.candidates if other != self.name and mission.standbys]
@@ -285,12 +289,27 @@ class Leader:
             self._check(received)
             self._newest, self._newest_rose = received, sample.arrived
             self._newest_stale = attachment.stale
-        elif received is not None and self._unsure:
+        elif received is not None and self._leads and sample.arrived < self._sure_at:
             self._check(received)
-            self._unsure = False
-            self._late = (received, attachment.stale) if received.term < self.term else None
+            self._take_earlier(robot, received, sample.arrived, stale=attachment.stale)
         if received is not None and received == self._newest:
             self._newest_stale |= attachment.stale
+
+    def _take_earlier(self, robot: str, received: Order, arrived: float, *, stale: bool) -> None:
+        """Note an order that was in force before it led, from a robot that has not relayed its own yet.
+
+        Once any robot has relayed its own, the fleet goes by that, and only an earlier stop or hold counts.
+        """
+        if received.term == self.term:
+            self._obeyed_by.add(robot)
+        elif (
+            received.term < self.term
+            and robot not in self._obeyed_by
+            and newer(received, self._continued)
+            and (received.mode != "run" or not self._obeyed_by)
+        ):
+            self._late, self._continued = (received, stale), received
+        self._sure_at = min(self._sure_at, arrived + CATCH_UP_TIME)
 
     def _check(self, received: Order) -> None:
         """Raise BadMessage for an order that no robot of this mission accepts."""
@@ -337,9 +356,13 @@ class Leader:
         self._terms_led, self.beat, self._count, self._stepped = self._terms_led + 1, 0, 0, None
         self.rate = Rate(self.mission.robots[self.mission.leader].rate)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
-        self._unsure = self._newest is None
+        self._continued = self._newest
+        self._obeyed_by.clear()
+        self._sure_at = math.inf if self._newest is None or self.candidacy.unread else now.mono
         if self._newest is not None:
             self._continue(self._newest, under_way=self._under_way(now))
+        if self.candidacy.unread:
+            self.plan.team_mode.doubt()
         self.operator_requests.goes_on(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._terms_led == 1)
         where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"

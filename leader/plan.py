@@ -53,6 +53,8 @@ class TeamMode:
         """Why it cannot run even if told to."""
         self.undriven = False
         """Whether it is driven by hand, and no velocity comes."""
+        self.unread = False
+        """Whether its own hold is in force because it could not read the order that robots relay."""
         self._hold, self._publisher_id = hold, publisher_id
         self._own_hold, self._own_holds = "", 0  # id of the newest hold of its own, and how many there were
         self._run_requested = False  # told to run, which is newer than the relayed order
@@ -81,7 +83,7 @@ class TeamMode:
             return self.rest.change(request, fact)
         result = Rest(self.rest.stop, self.hold).change(request, fact)
         if result.ok:
-            self.rest.hold, self.base_mode, self._run_requested = "", "run", True
+            self.rest.hold, self.base_mode, self._run_requested, self.unread = "", "run", True, False
         return result
 
     def wait(self, why: str) -> None:
@@ -90,12 +92,18 @@ class TeamMode:
         self._own_hold = f"{why}-{self._publisher_id}-{self._own_holds}"
         self.base_mode, self._run_requested = "hold", False
 
+    def doubt(self) -> None:
+        """Hold until told to run, or until the order that robots relay can be read."""
+        self.wait("unread")
+        self.unread = True
+
     def restore(self, order: Order, *, under_way: bool = True) -> None:
         """Take over another leader's mode. A stop or a hold of either stays.
 
         `under_way`: its beat rose a moment ago. If not, one that was started to hold waits for ``run``.
         """
         self.inherit_stop(order)
+        self.unread = False
         if self._run_requested:
             return
         if order.base_mode == "run" and (under_way or not self._hold):

@@ -170,7 +170,7 @@ def status(leader: Leader, now: Now, ends: str) -> LeaderStatus:
         code = Code.TERM_AHEAD if "ahead" in refusals.values() else Code.TERM_EARLIER
         reason = Reason.of(code, robots=tuple(refusals), term=term)
     else:
-        reason = _why(plan) if seat.leads else _why_not(seat)
+        reason = _why(plan) if seat.leads else _why_not(leader)
     return LeaderStatus(
         robot=leader.name,
         state=LeaderState(seat.mode if seat.leads else seat.candidacy),
@@ -193,6 +193,8 @@ def _why(plan: Plan) -> Reason | None:
     """What keeps the leader from going on; None if nothing does."""
     if plan.team_mode.lost:
         return plan.team_mode.lost
+    if plan.team_mode.unread:
+        return Reason(Code.ORDER_UNREAD)
     if plan.team_mode.undriven:
         return Reason(Code.NOT_DRIVEN)
     if (breach := plan.fenced) is not None:
@@ -204,7 +206,10 @@ def _why(plan: Plan) -> Reason | None:
     return Reason(Code.ROUTE_ENDED) if plan.route_time >= plan.route.total else None
 
 
-def _why_not(seat: Seat) -> Reason | None:
+def _why_not(leader: Leader) -> Reason | None:
+    seat = leader.seat
+    if seat.candidacy == "listening" and not leader.candidacy.receives:
+        return Reason(Code.NO_ROBOT)
     if seat.candidacy != "standby":
         return None
     return Reason.of(Code.OTHER_LEADS, robot=seat.leader) if seat.leader else Reason(Code.NO_LEADER)

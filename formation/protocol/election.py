@@ -85,7 +85,9 @@ RANK_WAIT = 0.1
 CAMPAIGN_TIME = 0.7
 """Time after which a candidate gives up; over VOTE_BOUND_TIME, so that bound votes can become free [T]."""
 LISTENING_TIME = 1.0
-"""Longest time that a starting leader waits for the robots' reports [s]."""
+"""Longest time that a starting leader waits for the other robots' reports after the first [s]."""
+READING_TIME = 2.5
+"""The same if it cannot read the order that they relay: its key's certificate comes once a second [s]."""
 MAX_TERM_OFFSET = 86_400.0
 """Difference from now beyond which a term is refused [s]."""
 MAX_TERM_LEAD = 43_200.0

@@ -101,6 +101,8 @@ class Code(StrEnum):
     NO_NEIGHBOUR = "no_neighbour"
     # a leader, or a standby
     ROUTE_UNKNOWN = "route_unknown"
+    ORDER_UNREAD = "order_unread"
+    NO_ROBOT = "no_robot"
     STOPPED_AT_BOUNDS = "stopped_at_bounds"
     WAITS = "waits"
     ROUTE_ENDED = "route_ended"
@@ -211,6 +213,9 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " outside the bounds: {outside:names}",
         Code.ROUTE_UNKNOWN: "does not know the route that the leader was on:"
         " order a speed or a route, then run",
+        Code.ORDER_UNREAD: "cannot read the order that robots relay, nor its stop and place:"
+        " run begins the route anew",
+        Code.NO_ROBOT: "has received no robot yet",
         Code.STOPPED_AT_BOUNDS: "stopped at the bounds: {what} next at {axis} = {value:.4g} m,"
         " limit {limit:.4g} m; order a speed or route that leads back",
         Code.WAITS: "waits for {robots:names}",

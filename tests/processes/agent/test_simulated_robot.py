@@ -11,11 +11,12 @@ import pytest
 
 from formation.mission.file import read
 from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
-from formation.topics import CMD_VEL, GROUND_TRUTH
+from formation.topics import CMD_VEL, GROUND_TRUTH, POSITION
 from formation.wire import Sample
-from tests.processes.agent.leader_and_robot import agent_side, leader, received, robot2
+from tests.processes.agent.leader_and_robot import SIX, agent_side, leader, listening, received, robot2
 from tests.support.child import free_endpoint, started, until
 from tests.support.zenoh_admin import inspect
+from tests.unit.leader.leading import relayed
 
 pytestmark = pytest.mark.processes
 
@@ -67,14 +68,21 @@ def test_simulated_sensor_measures_leader_of_another_process(tmp_path: Path) -> 
     end, lead = free_endpoint(), free_endpoint()
     with (
         leader(lead, "--hold"),
+        listening(lead) as agents,
         started(
             "formation.agent.simulated", str(mission), "--robot", "robot2", "-l", end, "-e", lead
         ) as robot,
         agent_side(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
     ):
         robot.event("ready")
-        # the robot may link with the leader later than the test with the robot
-        samples = received(box, lambda samples: sum(map(is_odometry, since_first_measurement(samples))) >= 12)
+        agents.advertise(POSITION, POSITION.key("robot2"))
+
+        def enough(samples: Sequence[Sample]) -> bool:
+            # the robot may link with the leader later than the test with the robot
+            agents.send([relayed("robot2", None, of=SIX)])  # the leader first receives a robot
+            return sum(map(is_odometry, since_first_measurement(samples))) >= 12
+
+        samples = received(box, enough)
     measurements = [sample for sample in samples if not is_odometry(sample)]
     seen = decode(Displacement, measurements[-1].payload).displacement
     assert seen * 1j + (-1.5 + 2.2j) == pytest.approx(0.0, abs=1e-6)

@@ -87,6 +87,8 @@ ADVICE: Mapping[Code, str] = {
     Code.UNANSWERED: "Check the network between the robots, and the clocks (chrony).",
     Code.NO_NEIGHBOUR: "Check the neighbours that it names; give the robot `fallback_neighbours`.",
     Code.ROUTE_UNKNOWN: "Order a speed or a route, then `run`.",
+    Code.ORDER_UNREAD: "Check the certificates of the leader and its clock; then order `run`.",
+    Code.NO_ROBOT: "Start the robots; check the links of the leader's machine.",
     Code.STOPPED_AT_BOUNDS: "Order a speed or a route that leads back inside.",
     Code.WAITS: "Check the robots that it names; `patience` in `[cohesion]` limits the wait.",
     Code.ROUTE_ENDED: "Nothing, or order a speed or a route.",

@@ -59,10 +59,21 @@ class SentPosition(NamedTuple):
 
 
 def about_to_lead(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:
-    """A leader that has listened and received nothing; it leads from its step at `start`."""
+    """A leader that has listened and received no order; it leads from its step at `start`."""
     leader = Leader(mission, **how)
-    leader.step(at(start - LISTENING_TIME), [])
+    listens(leader, start - LISTENING_TIME)
     return leader
+
+
+def listens(leader: Leader, mono: float = 0.0) -> list[Outgoing]:
+    """Step a leader that receives a robot without an order, and goes on to wait for other robots' reports.
+
+    For the agent of that robot does not command it.
+    """
+    of = leader.mission
+    near = next(name for name in of.followers if POSITION.key(name) in leader.subscriptions)
+    fresh = relayed(near, None, of=of, publisher="readonly", readonly=True)
+    return leader.step(at(mono), [arriving(fresh, mono)])
 
 
 def leading(mission: Mission = MISSION, start: float = 0.0, **how: Any) -> Leader:

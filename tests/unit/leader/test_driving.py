@@ -19,7 +19,7 @@ from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.slots.geofence import Geofence
 from formation.stability.driving import STANDS, Limits, Velocity, first_limits, followable
 from tests.support.fleet import at
-from tests.unit.leader.leading import drive, leading, positions
+from tests.unit.leader.leading import drive, leading, listens, positions
 
 CONVOY = load("convoy")
 speeds = st.floats(-10.0, 10.0)
@@ -313,7 +313,8 @@ def test_token_of_another_process_moves_nothing() -> None:
     """Whatever the clocks of both say: those of two machines, or before and after a reboot."""
     _, driver, end = driven()
     other = Leader(CONVOY, publisher_id="another")
-    drive(other, 0.0, end)
+    listens(other)
+    drive(other, 0.04, end)
     driver.leader = other
     assert "too late" in driver.send(end + 0.05, 0.1).reason
     assert other.plan.route.id != "driven"

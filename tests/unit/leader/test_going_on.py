@@ -7,14 +7,16 @@ from typing import Any
 
 import pytest
 
-from formation.leader.core import Leader
+from formation.leader.core import CATCH_UP_TIME, Leader
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.protocol import json_message
-from formation.protocol.election import TERM_EXPIRY_TIME
+from formation.protocol.election import READING_TIME, TERM_EXPIRY_TIME
 from formation.protocol.order import Mode, Order, Place, Slots, newer
+from formation.protocol.reasons import Code, Reason
 from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
+from formation.wire import Outgoing
 from tests.support.fleet import Fleet, at
 from tests.unit.leader.leading import (
     CURVED,
@@ -25,6 +27,7 @@ from tests.unit.leader.leading import (
     ask,
     drive,
     leading,
+    listens,
     positions,
     relayed,
     status,
@@ -53,7 +56,7 @@ def restarted(newest: Order, mono: float, **how: Any) -> Leader:
 
 def test_leader_listens_for_a_second_before_its_first_position() -> None:
     leader = Leader(MISSION)
-    result = [out for k in range(100) for out in leader.step(at(k / 100), [])]
+    result = [*listens(leader), *(out for k in range(1, 100) for out in leader.step(at(k / 100), []))]
     assert {out.key for out in result} == {"ann/status"}
     assert status("ann", result[:1]).state == "listening"
     (first,) = positions(1.0, leader.step(at(1.0), []))
@@ -106,7 +109,8 @@ def test_restarted_leader_continues_shape_transition() -> None:
 def test_leader_continues_order_received_after_its_start(requested: list[str]) -> None:
     last = last_of(*requested)
     after = Leader(MISSION, publisher_id="another")
-    assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has received no order yet"
+    listens(after, 6.0)
+    assert drive(after, 6.04, 1.5)[-1].pose.position != last.pose.position, "it has received no order yet"
     first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order), 7.5)]))[0]
     assert abs(first.pose.position - last.pose.position) < 0.02
     assert (first.order.mode, first.order.holding) == (last.order.mode, last.order.holding)
@@ -154,7 +158,7 @@ def test_request_while_listening_overrides_relayed_mode_except_stop(do: str, rel
 )  # fmt: skip
 def test_listening_leader_refuses_shape_and_route_requests(request_: str) -> None:
     leader, request = Leader(MISSION), f'{request_},"id":"a"}}'
-    leader.step(at(0.0), [])
+    listens(leader)
     assert ask(leader, request).reason == "has just started: ask again in a second"
     leader.step(at(1.0), [])
     assert ask(leader, request).ok
@@ -316,6 +320,68 @@ def test_leader_waits_for_run_after_it_slept_for_long(seconds: float, mode: str)
     woken = sent[-1].mono + seconds
     assert {one.order.mode for one in positions(woken, leader.step(at(woken), []))} == {mode}
     assert ask(leader, "run", woken + 0.1).mode == "run"
+
+
+STOPPED = Order(
+    term=TERM, beat=90, mode="stop", shape="line", time=2.0, place=Place(x=2.5677, y=-0.7933, heading=0.35)
+)
+UNREAD = "order not signed by ann: no certificate has come yet for the key that signed"
+
+
+def relays(leader: Leader, robot: str, what: Order, mono: float, unverified: str = "") -> list[Outgoing]:
+    """Step a leader that receives this relayed order."""
+    sample = arriving(relayed(robot, what, of=leader.mission), mono)
+    return leader.step(at(mono), [sample._replace(unverified=unverified)])
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_leader_that_receives_nothing_sends_no_orders(*, hold: bool) -> None:
+    leader = Leader(MISSION, hold=hold)
+    assert drive(leader, 0.0, 4.0) == []
+    assert status("ann", leader.step(at(4.3), [])).reason == Reason(Code.NO_ROBOT)
+    assert leader.due > 4.3
+    assert positions(4.5, relays(leader, "bob", STOPPED, 4.5))[0].order.mode == "stop"
+    assert leader.route_time == 2.0
+
+
+def test_leader_waits_until_it_can_read_the_relayed_order() -> None:
+    leader = Leader(MISSION)
+    assert positions(0.1, relays(leader, "bob", STOPPED, 0.1, UNREAD)) == []
+    assert drive(leader, 0.14, 1.5) == []
+    assert positions(1.7, relays(leader, "bob", STOPPED, 1.7))[0].order.mode == "stop"
+    assert leader.route_time == 2.0
+
+
+@pytest.mark.parametrize("unverified", [UNREAD, ""], ids=["unverified", "certificate only"])
+def test_leader_holds_until_run_if_relayed_order_stays_unread(unverified: str) -> None:
+    leader = Leader(MISSION, publisher_id="new")
+    fresh = relayed("bob", STOPPED if unverified else None, term=0 if unverified else TERM)
+    leader.step(at(0.0), [arriving(fresh, 0.0)._replace(unverified=unverified)])
+    assert leader.candidacy.due == READING_TIME
+    sent = drive(leader, 0.04, READING_TIME + 1.0)
+    assert {one.order.mode for one in sent} == {"hold"}
+    assert status("ann", leader.step(at(4.5), [])).reason == Reason(Code.ORDER_UNREAD)
+    assert not ask(leader, '{"do":"run","id":"a","ends":["another"]}', 4.5).ok
+    assert ask(leader, "run", 4.5).mode == "run"
+    assert status("ann", leader.step(at(5.1), [])).reason is None
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_own_relayed_order_hides_no_earlier_stop(*, hold: bool) -> None:
+    leader = leading(TWO, hold=hold)
+    relays(leader, "bob", drive(leader, 0.04, 0.1)[-1].order, 0.2)
+    relays(leader, "eve", STOPPED, 0.3)
+    assert (leader.mode, leader.route_time) == ("stop", 2.0)
+
+
+@pytest.mark.parametrize(("what", "mono"), [(RUNNING, 0.3), (STOPPED, 0.3 + CATCH_UP_TIME)])
+def test_own_relayed_order_hides_earlier_run_and_any_order_later(what: Order, mono: float) -> None:
+    leader = leading(TWO)
+    relays(leader, "bob", drive(leader, 0.04, 0.1)[-1].order, 0.2)
+    drive(leader, 0.24, mono - 0.24)
+    relays(leader, "eve", what, mono)
+    assert leader.mode == "run"
+    assert leader.route_time == pytest.approx(mono, abs=0.05)
 
 
 @pytest.mark.parametrize("ends", [(), ("hold-of-another-process",)])

@@ -20,7 +20,7 @@ from formation.transport.mailbox import Handler
 from formation.transport.runtime.process import BadInput, Process, clocks
 from formation.wire import Outgoing
 from tests.support.fleet import at
-from tests.unit.leader.leading import CURVED
+from tests.unit.leader.leading import CURVED, listens
 
 SIX, PATROL = load("six_robots"), load("patrol")
 
@@ -57,8 +57,8 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
 
     def frozen(core: Any, bus: FakeProcess) -> None:
         now = clocks()
-        for ago in (10.0, 8.0):
-            core.step(now._replace(mono=now.mono - ago), ())
+        listens(leader, now.mono - 10.0)
+        core.step(now._replace(mono=now.mono - 8.0), ())
         assert leader.leads
         monkeypatch.setattr(leader.candidacy, "_later", True)  # another leader's term has begun
         reply = json_message.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
@@ -77,16 +77,18 @@ def test_request_before_first_step_sends_nothing() -> None:
 
 
 def test_leader_logs_start_requests_and_mode_changes(caplog: pytest.LogCaptureFixture) -> None:
+    leader = Leader(SIX)
+
     def run(core: Any, bus: FakeProcess) -> None:
         now = clocks()
-        for ago in (2.0, 1.0):
-            core.step(now._replace(mono=now.mono - ago), ())
+        listens(leader, now.mono - 2.0)
+        core.step(now._replace(mono=now.mono - 1.0), ())
         for request in (b'{"do":"shape","shape":"wedge"}', b'{"do":"hold"}'):
             bus.request(request, clocks().mono)
         core.step(clocks(), ())
 
     with caplog.at_level(logging.INFO):
-        run_leader(Leader(SIX), run)
+        run_leader(leader, run)
     result = "\n".join(record.message for record in caplog.records)
     assert "from the start: run" in result
     assert "the operator asked for shape: in shape wedge in " in result
@@ -146,7 +148,7 @@ def test_failed_term_write_raises_nothing(tmp_path: Path) -> None:
 def test_term_exceeds_stored_term_with_slow_clock() -> None:
     kept = int((1.7e9 + 3600.0) * 1e9)
     leader = Leader(parse(CURVED), known=kept)
-    leader.step(at(0.0), [])
+    listens(leader)
     leader.step(at(1.0), [])
     assert leader.leads
     assert leader.term > kept
@@ -154,6 +156,7 @@ def test_term_exceeds_stored_term_with_slow_clock() -> None:
 
 def test_leader_takes_lower_term_after_its_clock_is_set_back() -> None:
     leader = Leader(parse(CURVED))
+    listens(leader, -0.1)
     for mono in (0.0, 1.0):
         leader.step(at(mono)._replace(wall=at(mono).wall + 90_000.0), [])
     before = leader.term

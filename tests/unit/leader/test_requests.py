@@ -21,7 +21,7 @@ from formation.topics import STATUS
 from formation.wire import Outgoing
 from tests.support.fleet import at, named
 from tests.unit.formation import scenarios
-from tests.unit.leader.leading import arriving, ask, drive, leading, positions, relayed, status
+from tests.unit.leader.leading import arriving, ask, drive, leading, listens, positions, relayed, status
 
 SIX = load("six_robots")
 TUNED = Tuned(k_p=3.0, k_i=0.5)
@@ -162,7 +162,7 @@ def test_refusal_with_long_robot_names_is_complete() -> None:
 
 def test_repeated_request_reports_current_leadership() -> None:
     leader, stop = Leader(SIX), json_message.encode(OperatorRequest(do="stop", id="a"))
-    leader.step(at(0.0), [])  # it still listens
+    listens(leader)
     assert json_message.decode(OperatorReply, leader.request(stop, 0.0)).leads is False
     leader.step(at(LISTENING_TIME), [])
     assert json_message.decode(OperatorReply, leader.request(stop, 0.0)).leads is True
