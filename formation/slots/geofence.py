@@ -5,8 +5,8 @@ first hour of the mission's own route, with a margin of `BOUNDS_MARGIN_SIZES` fo
 formation's size is the distance of its farthest slot from the leader.
 
 Inside must be each robot's centre (a robot outside holds), and in every order the leader's point and all
-slots. Leaders check orders with a `clearance`, agents without: so a robot never refuses an order that a
-leader gives.
+slots. Leaders check orders with a `clearance`, agents without, and with a tolerance for the rounding of
+slots in orders: so a robot never refuses an order that a leader gives.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ MAX_CACHED_BOXES = 4
 """Number of shapes with a cached bounding box: an order has two, and most orders have the same."""
 LENGTH_TOLERANCE = 1e-9
 """Rounding error that is ignored [m]."""
+ROUNDING_TOLERANCE = 1e-4
+"""Distance by which slots of an order may be farther from the leader, as they are rounded [m]."""
 
 
 class Breach(NamedTuple):
@@ -222,8 +224,9 @@ class Geofence:
             while len(self._boxes) >= MAX_CACHED_BOXES:
                 del self._boxes[next(iter(self._boxes))]
             box = self._boxes[placed_shape] = Area.around(placed_shape.slots(self._mission))
-        if box.reach > self.area.reach or place is None:
-            return box.reach <= self.area.reach
+        near = box.reach <= self.area.reach + ROUNDING_TOLERANCE
+        if not near or place is None:
+            return near
         return (
             self.area.x_min <= place.real + box.x_min
             and place.real + box.x_max <= self.area.x_max

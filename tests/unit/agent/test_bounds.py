@@ -12,10 +12,12 @@ from formation.mission.route import Straight
 from formation.protocol.order import Place
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Pose
+from formation.slots.geofence import Geofence, size_of
 from formation.topics import POSITION
-from tests.support.fleet import Fleet
+from tests.support.fleet import Fleet, at
 from tests.support.meddling import altered, reordered
 from tests.support.missions import with_robots
+from tests.unit.leader.leading import ask, leading, positions
 
 SIX = load("six_robots")
 AT_REST = (0.0, 0.0)
@@ -154,3 +156,16 @@ def test_turning_team_stops_before_slots_leave_bounds() -> None:
     fleet = Fleet(within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0)), seed=1).after(45.0)
     assert farthest_outside(fleet) < 0.0
     assert fleet.leader.plan.fenced
+
+
+@pytest.mark.parametrize("name", ["six_robots", "turtlebot3_pair", "two_chains"])
+def test_robots_accept_every_rotation_at_largest_scale(name: str) -> None:
+    """The slots of an order are rounded, those that the leader checks are not."""
+    mission = load(name)
+    fence = Geofence(mission)
+    for degrees in range(0, 360, 5):
+        leader = leading(mission)
+        assert ask(leader, f'{{"do":"scale","factor":{fence.area.reach / size_of(mission)}}}').ok
+        assert ask(leader, f'{{"do":"rotate","degrees":{degrees}}}').ok
+        for one in positions(0.1, leader.step(at(0.1), [])):
+            fence.check(one.order)  # raises BadMessage
