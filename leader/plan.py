@@ -157,6 +157,7 @@ class Plan:
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
         """Time on its route, which gives its place on it [s]."""
+        self._driven_time = 0.0  # time on its route before it was driven, and driven since [s]
         self.shape_transition = ShapeTransition.first(mission)
         self.cohesion = Cohesion(mission)
         self.tuned: Tuned | None = None
@@ -197,6 +198,7 @@ class Plan:
         if self.driven:
             slots = [self.wanted.slot(self._mission, name) for name in self._mission.followers]
             self._drive_from_here(self.driver.advance(limits(self._mission, slots), dt, mono))
+            self._driven_time += dt
         before, placed_shape = self.route_time, self.shape_transition.placed_shape
         pace = self.cohesion.step(
             mono, dt, self.where(), self.route.velocity(before), placed_shape, driven=self.driven
@@ -237,6 +239,7 @@ class Plan:
         velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
         result = self.driver.accept(request.id, velocity, request.token or 0, received)
         if result.ok and not self.driven:
+            self._driven_time = self.route_time
             self._drive_from_here()
             return held if mode.replace_lost() else result
         return result
@@ -288,6 +291,7 @@ class Plan:
         if order.driven and order.place is not None:
             at, heading = complex(order.place.x, order.place.y), cmath.rect(1.0, order.place.heading)
             self.route, self.route_time = NamedRoute.driven(at, heading, 0.0, 0.0), 0.0
+            self._driven_time = order.time
             self.driver = Driver(self._publisher_id)
             self._restore_shape(order)
             return
@@ -333,7 +337,7 @@ class Plan:
             base_mode=self.team_mode.base_mode,
             holding=bool(self.team_mode.rest.hold),
             route=self.route.id,
-            time=round(min(self.route_time, MAX_ROUTE_TIME), 3),
+            time=round(min(self._driven_time if self.driven else self.route_time, MAX_ROUTE_TIME), 3),
             place=self.route.place(self.route_time),
             motion=motion,
             tuned=self.tuned,

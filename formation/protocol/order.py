@@ -134,7 +134,7 @@ class Order(JsonMessage):
     route: Id = ""
     """Id of the leader's route; empty for the mission's own."""
     time: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
-    """Time since it began that route [s]."""
+    """Time since it began that route; of a driven leader, on the route before and driven since [s]."""
     place: Place | None = None
     """Its position."""
     motion: Motion | None = None

@@ -84,6 +84,18 @@ def test_leader_stays_with_dead_robot_in_its_place(rehearsed_fleet: MakeRehearse
     assert abs(fleet._fleet.leading.plan.where() - fleet.position("robot1")) < bound.error
 
 
+def test_agent_without_state_joins_driven_fleet_with_measured_heading(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet(with_keys(read("six_robots")[0], localisation="odometry"), strict=False)
+    fleet.drive(0.15, 0.3, seconds=7.0)
+    fleet.kill("robot3")
+    fleet._fleet.disks["robot3"].files.clear()
+    fleet.run(1.0)
+    fleet.start("robot3")
+    fleet.run(1.5)
+    here = fleet._fleet.agents["robot3"][0].here
+    assert abs(here.heading - here.state.measured) < 0.1
+
+
 @pytest.mark.slow
 def test_team_holds_until_the_next_leader_is_driven(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet(MISSIONS / "trio.toml")

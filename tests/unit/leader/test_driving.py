@@ -323,6 +323,17 @@ def test_token_of_another_process_moves_nothing() -> None:
     assert driver.send(end + 0.2, 0.1).ok
 
 
+def test_order_of_driven_leader_counts_on_under_the_next() -> None:
+    """Robots that join tell by it whether their fleet still faces as at its start."""
+    leader, _, _ = driven()
+    order = leader.plan.order(1, 1, "run")
+    assert order.driven
+    assert order.time > 1.0
+    other = Leader(CONVOY, publisher_id="another")
+    other.plan.restore(order)
+    assert other.plan.order(2, 1, "run").time == order.time
+
+
 def test_turning_leader_keeps_slots_within_the_bounds() -> None:
     mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.6, 6.0]\ny = [-1.2, 1.2]\n")
     leader = leading(mission)
