@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Reversible, Sequence
+from collections.abc import Iterable, Iterator, Reversible, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import Event, to_message
+from formation.monitor.metrics.event import Event, clock_set, to_message
 from formation.monitor.metrics.events import Events
 from formation.monitor.metrics.keys import watched
 from formation.monitor.metrics.metrics import Metrics
@@ -21,6 +21,8 @@ from formation.wire import Now, Outgoing, Sample
 
 MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
+MIN_CLOCK_STEP = 0.1
+"""Smallest change of our system clock against the monotonic one, from look to look, that is reported [s]."""
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
@@ -49,6 +51,7 @@ class Monitor:
         self._events = Events(mission)
         self._noted: deque[Event] = deque()
         self._happened = 0
+        self._ahead: float | None = None  # our system clock before the monotonic one [s]
         self._stage = frozenset(stage)
         self._keys = watched(mission)
         self._error_rate, self._diagnostics_rate = Rate(10.0), Rate(1.0)
@@ -67,24 +70,38 @@ class Monitor:
         """Add an event that is not from the fleet's messages. Any thread may call it."""
         self._noted.append(event)
 
+    def watch_clock(self, now: Now) -> list[Outgoing]:
+        """Return the event to publish if our system clock was set since the last call.
+
+        Record it before messages that arrived since, so that readers have the step first.
+        """
+        before, self._ahead = self._ahead, now.wall - now.mono
+        if before is None or abs(self._ahead - before) < MIN_CLOCK_STEP:
+            return []
+        self.note(clock_set(now.wall, self._ahead - before))
+        return list(self._noted_events())
+
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Read `inbox` and return the metrics that are due. An unknown error is not published."""
+        outbox = self.watch_clock(now)
         ahead = now.wall - now.mono
         for sample in inbox:
             self.metrics.process_sample(sample, sample.arrived + ahead)
-        outbox = []
         if self._error_rate.tick(now.mono):
             error = self.metrics.observe(now)
             if error is not None:
                 outbox.append(Outgoing(ERROR.key(), encode(Number(error))))
             self.snapshot = self.metrics.snapshot(now)
             self._noted.extend(self._events.collect_events(now, self.snapshot))
-        while self._noted:
-            event = self._noted.popleft()
-            self._happened += 1
-            self.events.append(Numbered(self._happened, event))
-            outbox.append(Outgoing(EVENTS.key(), encode(to_message(event))))
+        outbox += self._noted_events()
         if self._diagnostics_rate.tick(now.mono):
             snapshot = self.metrics.snapshot(now)
             outbox += [Outgoing(DIAGNOSTICS.key(), encode(one)) for one in diagnostics(snapshot, now.wall)]
         return outbox
+
+    def _noted_events(self) -> Iterator[Outgoing]:
+        while self._noted:
+            event = self._noted.popleft()
+            self._happened += 1
+            self.events.append(Numbered(self._happened, event))
+            yield Outgoing(EVENTS.key(), encode(to_message(event)))

@@ -24,7 +24,7 @@ from formation.transport.linger import Linger
 from formation.transport.runtime.loop import FleetSide, Pauses, RobotSide, StopRequest
 from formation.transport.runtime.process import clocks, say
 from formation.transport.runtime.rate import Rate
-from formation.wire import Now, Sample
+from formation.wire import Now, Outgoing, Sample
 
 NAME = "monitor"
 MAX_WAITING_MESSAGES = 65_536
@@ -170,17 +170,21 @@ class Watch:
 
     def _pump(self, now: Now) -> int:
         inbox = self._bus.drain()
+        self._publish(self._monitor.watch_clock(now), now)
         self._record(inbox, now)
-        for out in self._monitor.step(now, inbox):
-            self._bus.publish(out.key, out.payload, out.attachment)
-            if self._ros is not None:
-                self._ros.publish(out.key, out.payload)
-            self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
+        self._publish(self._monitor.step(now, inbox), now)
         if self._recorder is not None:
             self._recorder.flush(now.mono)
             for notice in self._recorder.notices():
                 self._monitor.note(Event(now.wall, notice.level, "", "recording", notice.text))
         return len(inbox)
+
+    def _publish(self, outbox: Sequence[Outgoing], now: Now) -> None:
+        for out in outbox:
+            self._bus.publish(out.key, out.payload, out.attachment)
+            if self._ros is not None:
+                self._ros.publish(out.key, out.payload)
+            self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
 
     def _record(self, samples: Sequence[Sample], now: Now) -> None:
         ahead = now.wall - now.mono

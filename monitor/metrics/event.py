@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 from formation.ros2.messages import LogEntry
@@ -15,6 +16,9 @@ MAX_TEXT_CHARS = 500
 """Longest text of an event [characters]."""
 BURST_CHANGES, REST_TIME = 6, 10.0
 """Number of changes reported at once, then the time per reported change [s]."""
+
+
+_SET_BY = re.compile(r"was set by ([+-]\d{1,10}\.\d{6}) s$")
 
 
 class Event(NamedTuple):
@@ -41,6 +45,17 @@ def from_message(entry: LogEntry) -> Event:
     """Return the event of a message: the inverse of `to_message`."""
     robot = "" if entry.name == FORMATION else entry.name
     return Event(entry.stamp, entry.level, robot, entry.kind, entry.text)
+
+
+def clock_set(at: float, step: float) -> Event:
+    """Return the event that our system clock was set by `step` [s], to `at` [s]."""
+    return Event(at, WARNING, "", "clock", f"this computer's clock was set by {step:+.6f} s")
+
+
+def clock_step(event: Event) -> float:
+    """Return by how much the clock was set [s], the inverse of `clock_set`; 0 for another event."""
+    found = _SET_BY.search(event.text) if event.kind == "clock" else None
+    return float(found[1]) if found else 0.0
 
 
 class Pace:

@@ -93,12 +93,7 @@ class Metrics:
         if feed is None:
             self.rejections.count("elsewhere", "unknown key")
             return
-        ahead = wall - sample.arrived
-        if abs(ahead - self._ahead) > MAX_CLOCK_JUMP:
-            self.orders.forget()
-            for one in (*self._robots.values(), *self._standbys):
-                one.clock_was_set()
-        self._ahead = ahead
+        self._follow_clock(wall - sample.arrived)
         feed.received(sample.arrived)
         try:
             if handle is not None:
@@ -115,6 +110,7 @@ class Metrics:
         Call it steadily: settling is judged only by what it sees. With `known_only` it judges the known edges
         alone, for use while it cannot judge all of them.
         """
+        self._follow_clock(now.wall - now.mono)
         moment, errors = self._compare(now)
         error, formed = _sum(errors.values()), moment >= self.orders.formed_since
         at, last = moment + now.mono - now.wall, self._settling.last  # settling runs on the monotonic clock
@@ -187,6 +183,14 @@ class Metrics:
         statuses = {name: robot.statuses for name, robot in self._robots.items()} | self._candidates
         newest = {name: one.newest(now) for name, one in statuses.items()}
         return {name: one.mission for name, one in newest.items() if one is not None and one.mission}
+
+    def _follow_clock(self, ahead: float) -> None:
+        """Forget all moments if our system clock was set; it is `ahead` [s] of the monotonic one now."""
+        if abs(ahead - self._ahead) > MAX_CLOCK_JUMP:
+            self.orders.forget()
+            for one in (*self._robots.values(), *self._standbys):
+                one.clock_was_set()
+        self._ahead = ahead
 
     def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
         """Take in a position and its attachment. Raises BadMessage."""

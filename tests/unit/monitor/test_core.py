@@ -6,6 +6,7 @@ import gc
 import random
 import tracemalloc
 from collections.abc import Iterator
+from unittest.mock import Mock
 
 import pytest
 
@@ -13,6 +14,7 @@ from formation.mission.file import load, parse, read
 from formation.monitor.core import MAX_EVENTS, Monitor
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.keys import given_stage, usual_stage, watched
+from formation.monitor.process import Watch
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
     ALIVE,
@@ -31,7 +33,7 @@ from formation.topics import (
 from formation.transport import wiring
 from formation.wire import Outgoing, Sample
 from tests.support.missions import with_robots
-from tests.support.monitored import Fleet, command, now, odometry, status
+from tests.support.monitored import EPOCH, Fleet, command, now, odometry, status
 from tests.support.mutations import mutated
 
 
@@ -51,6 +53,20 @@ def test_unknown_error_is_not_published() -> None:
     assert {out.key for out in outbox} == {DIAGNOSTICS.key(), EVENTS.key()}
     (message,) = (decode(Diagnostics, out.payload) for out in outbox if out.key == DIAGNOSTICS.key())
     assert message.statuses[0].values["error"] == "unknown"
+
+
+def test_clock_event_is_recorded_before_messages_arrived_since() -> None:
+    bus, recorder, sample = Mock(), Mock(failure=None), Fleet().positions(10.0, 11.0)[0]
+    bus.drain.side_effect = ([], [sample])
+    recorder.notices.return_value = ()
+    times = iter((now(10.0), now(10.02)._replace(wall=10.02 + EPOCH - 60.0)))
+    watch = Watch(Monitor(Fleet().mission), bus, recorder, Mock(), clock=lambda: next(times))
+    pauses = watch.run(Mock(__bool__=lambda _: False), snapshots=False)
+    next(pauses)
+    recorder.write.reset_mock()
+    next(pauses)
+    (event, at), (second, _) = (call.args for call in recorder.write.call_args_list[:2])
+    assert (event.key, at, second) == (EVENTS.key(), 10.02 + EPOCH - 60.0, sample)
 
 
 def test_status_and_ground_truth_are_subscribed_to_last() -> None:

@@ -16,7 +16,7 @@ import pytest
 from formation.control.zones import Zone
 from formation.mission.file import parse, read
 from formation.monitor.core import Monitor
-from formation.monitor.metrics.event import Event, from_message, to_message
+from formation.monitor.metrics.event import Event, clock_step, from_message, to_message
 from formation.monitor.metrics.events import (
     CLEAR_TIME,
     LOST_SILENCE,
@@ -279,6 +279,22 @@ def test_event_survives_encoding_with_any_text() -> None:
     assert back.text.startswith("robot2/odom:  [2J long")
     assert len(back.text) == 500
     assert from_message(to_message(event._replace(robot=""))).robot == ""
+
+
+@pytest.mark.parametrize("step", [-60.0, -0.5, 3600.0])
+def test_set_clock_is_an_event_with_its_step(step: float) -> None:
+    monitor = Monitor(Fleet().mission)
+    assert not monitor.watch_clock(now(10.0))
+    monitor.step(now(10.01)._replace(wall=10.01 + EPOCH + 0.05), [])  # too little to be reported
+    later = now(10.02)._replace(wall=10.02 + EPOCH + 0.05 + step)
+    (out,) = monitor.watch_clock(later)
+    event = from_message(decode(LogEntry, out.payload))
+    assert (event.kind, event.level) == ("clock", 30)
+    assert event.at == pytest.approx(later.wall)
+    assert clock_step(event) == pytest.approx(step, abs=1e-6)
+    assert clock_step(event._replace(kind="operator")) == 0.0
+    assert not of([numbered.event for numbered in monitor.events][1:], "clock")
+    assert not [one for one in monitor.step(later, []) if one.payload == out.payload]
 
 
 def test_monitor_keeps_newest_thousand_events() -> None:

@@ -16,8 +16,18 @@ from formation.monitor.metrics.snapshot import Edge
 from formation.monitor.metrics.trajectory import Placed, Trajectory
 from formation.monitor.metrics.words import as_json
 from formation.topics import ODOM, POSITION, SCAN
-from formation.wire import BadMessage, Sample
-from tests.support.monitored import EPOCH, Fleet, command, now, odometry, receive, received, status
+from formation.wire import BadMessage, Now, Sample
+from tests.support.monitored import (
+    EPOCH,
+    Fleet,
+    command,
+    driven,
+    now,
+    odometry,
+    receive,
+    received,
+    status,
+)
 from tests.support.mutations import mutated
 
 
@@ -153,6 +163,18 @@ def test_monitor_clock_change_causes_no_error_or_rejection(hours: float) -> None
     after = metrics.snapshot(now(14.0)._replace(wall=14.0 + offset))
     assert after.formation_error == pytest.approx(0.0, abs=1e-6)
     assert not after.rejected
+
+
+def test_error_is_followed_after_clock_set_between_messages() -> None:
+    fleet = Fleet(away=lambda robot, time: 1.0 + 0j if robot == "robot4" and time > 12.0 else 0j)
+    metrics = driven(fleet, 12.0)
+    assert metrics.observe(Now(12.02, 12.02 + EPOCH - 60.0)) is None
+    for sample in fleet.positions(12.0, 13.0):
+        metrics.process_sample(sample, sample.arrived + EPOCH - 60.0)
+        metrics.observe(Now(sample.arrived, sample.arrived + EPOCH - 60.0))
+    final = metrics.snapshot(Now(13.0, 13.0 + EPOCH - 60.0)).final_error
+    assert final is not None
+    assert final > 1.0
 
 
 def test_wrong_clock_of_a_robot_causes_no_error() -> None:
