@@ -105,8 +105,8 @@ def run(recording: Recording, changed: str | None, law: str | None, tolerance: f
     with Bar(f"verifying {recording.path.name}") as bar:
         for count, message in enumerate(recording.messages()):
             if count % 1000 == 0 and length > 0.0:
-                bar.at((message.wall - start) / length)
-            verification.process_sample(message.sample, message.wall)
+                bar.at((message.sample.arrived - start) / length)
+            verification.process_sample(message.sample, message.sample.arrived)
         verification.close()
     took = time.monotonic() - begin
     condition = recording.condition()

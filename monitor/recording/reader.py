@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -21,6 +22,7 @@ from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked
 from formation.monitor.recording.rotation import siblings
 from formation.monitor.recording.scan import (
     Tell,
+    Times,
     contents,
     damaged,
     ends_before,
@@ -28,36 +30,37 @@ from formation.monitor.recording.scan import (
     footer,
     records,
     summary,
+    times_of,
     understood,
 )
+from formation.monitor.recording.timeline import MAX_DISORDER, Timeline
 from formation.topics import ERROR
 from formation.wire import Now, Sample
 
 LOOK_PERIOD = 0.1
 """Time between two looks of a live monitor [s]."""
+MAX_CHUNK_TIME = 1.0
+"""Longest time within a chunk, and between two, that is no sign of a clock that was set [s]."""
 _OWN = frozenset(one.key for one in OWN)
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Time span and message counts. Extents of parts add up."""
+    """Time span and message counts."""
 
     start: float | None = None
     """When the first message arrived [s, system clock of the recorder]; None if there is none."""
     end: float | None = None
-    """When the last message arrived [s]."""
+    """When the last message arrived [s, that clock as if it had not been set since]."""
     counts: Counter[str] = field(default_factory=Counter)
     """Messages by key, without attachments."""
+    steady: bool = True
+    """Whether that clock was not set meanwhile."""
 
     @property
     def duration(self) -> float:
         """Duration [s]."""
         return 0.0 if self.start is None or self.end is None else self.end - self.start
-
-    def __add__(self, other: Extent) -> Extent:
-        starts = [one for one in (self.start, other.start) if one is not None]
-        ends = [one for one in (self.end, other.end) if one is not None]
-        return Extent(min(starts, default=None), max(ends, default=None), self.counts + other.counts)
 
 
 class UnreadableError(ValueError):
@@ -68,9 +71,14 @@ class Recorded(NamedTuple):
     """One message of a recording."""
 
     sample: Sample
-    """Its `arrived` is on the recorder's system clock, as `wall`."""
+    """Its `arrived` is `wall` by that clock as if it had not been set since the recording began."""
     wall: float
     """When it arrived [s, system clock of the recorder]."""
+
+    @property
+    def now(self) -> Now:
+        """When it arrived, by both clocks."""
+        return Now(self.sample.arrived, self.wall)
 
 
 class Condition(NamedTuple):
@@ -107,11 +115,9 @@ class Recording:
         """Yield every message of every part, with attachments, as far as it can be read.
 
         Messages before `since` [s, system clock of the recorder] are skipped by whole chunks, so some of them
-        may still come.
+        may still come. With chunks skipped, it does not count that the clock was set before.
         """
-        for part in self.parts:
-            with part.open("rb") as file:
-                yield from _messages(file, since)
+        return _messages(self.parts, since)
 
     def condition(self) -> Condition:
         """Return whether the end of a part is missing, and how much is damaged; this reads every part."""
@@ -120,7 +126,7 @@ class Recording:
 
     def extent(self) -> Extent:
         """Return its time span and message counts."""
-        return sum((extent_of(part) for part in self.parts), Extent())
+        return extent_of(*self.parts)
 
 
 def read(path: Path) -> Recording:
@@ -187,34 +193,71 @@ def _number(about: Mapping[str, str]) -> int:
     return int(text) if text.isdecimal() and len(text) < 10 else 1
 
 
-def extent_of(path: Path) -> Extent:
-    """Return the extent of one file, from its index if that is readable, else from its messages.
+def extent_of(*parts: Path) -> Extent:
+    """Return the extent of these files in order, from their indices if possible, else from their messages.
 
-    Raises OSError. The index counts messages in damaged stretches too.
+    Raises OSError. An index counts messages in damaged stretches too.
     """
+    counts: Counter[str] = Counter()
+    spans, chunks = list[Times](), list[Times]()
+    for part in parts:
+        keys, numbers, span, found = _counted(part)
+        spans += span
+        chunks += found
+        for number, n in numbers.items():
+            if (key := keys.get(number, "")) and not key.endswith(SUFFIX):
+                counts[key] += n
+    if not spans:
+        return Extent(counts=counts)
+    start, end = min(one.first for one in spans) / 1e9, max(one.last for one in spans) / 1e9
+    if _follow_closely(chunks):
+        return Extent(start, end, counts)
+    steady, begin, until = True, math.inf, -math.inf
+    for message in _messages(parts):
+        moment = message.sample.arrived
+        steady &= moment == message.wall
+        begin, until = min(begin, moment), max(until, moment)
+    return Extent(start, end, counts) if steady else Extent(begin, until, counts, steady=False)
+
+
+def _follow_closely(chunks: Sequence[Times]) -> bool:
+    """Return whether a clock that was set could not be among these chunks' times."""
+    longest, disorder = MAX_CHUNK_TIME * 1e9, MAX_DISORDER * 1e9
+    return all(one.last - one.first <= longest for one in chunks) and all(
+        -disorder <= after.first - before.last <= longest for before, after in pairwise(chunks)
+    )
+
+
+def _counted(part: Path) -> tuple[dict[int, str], Counter[int], list[Times], list[Times]]:
+    """Return a file's keys and number of messages by channel, its time span, and the times of its chunks."""
     numbers: Counter[int] = Counter()
-    times: list[int] = []
-    with path.open("rb") as file:
-        keys, statistics = _indexed(file)
+    with part.open("rb") as file:
+        keys, statistics, chunks = _indexed(file)
         if statistics is not None and statistics.message_start_time <= statistics.message_end_time:
             numbers.update(statistics.channel_message_counts)
-            if statistics.message_count:
-                times = [statistics.message_start_time, statistics.message_end_time]
-        else:
-            for record in records(file):
-                if record.opcode == Opcode.CHUNK and (chunk := contents(record.body)) and chunk.messages:
-                    _learn(keys, *chunk.declared)
-                    numbers.update(message.channel for message in chunk.messages)
-                    logged = [message.logged for message in chunk.messages]
-                    times += [min(logged), max(logged)]
-    counts: Counter[str] = Counter()
-    for number, n in numbers.items():
-        if (key := keys.get(number, "")) and not key.endswith(SUFFIX):
-            counts[key] += n
-    return Extent(min(times) / 1e9, max(times) / 1e9, counts) if times else Extent(counts=counts)
+            span = [Times(statistics.message_start_time, statistics.message_end_time)]
+            return keys, numbers, span if statistics.message_count else [], chunks or span
+        chunks = []
+        for record in records(file):
+            if record.opcode == Opcode.CHUNK and (chunk := contents(record.body)) and chunk.messages:
+                _learn(keys, *chunk.declared)
+                numbers.update(message.channel for message in chunk.messages)
+                logged = [message.logged for message in chunk.messages]
+                chunks.append(Times(min(logged), max(logged)))
+    return keys, numbers, chunks, chunks
 
 
-def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
+def _messages(parts: Sequence[Path], since: float = -math.inf) -> Iterator[Recorded]:
+    timeline = Timeline()
+    for part in parts:
+        with part.open("rb") as file:
+            for key, payload, attachment, wall in _messages_of(file, since):
+                moment = timeline.moment(key, payload, wall)
+                yield Recorded(Sample(key, payload, attachment, moment), wall)
+
+
+def _messages_of(file: IO[bytes], since: float) -> Iterator[tuple[str, bytes, bytes | None, float]]:
+    """Yield key, payload, attachment and arrival [s] of each message of one file."""
     keys = _indexed(file)[0]  # the chunk that declares them may be damaged
     indexed = bool(keys)
     attachments: dict[str, bytes] = {}
@@ -233,21 +276,22 @@ def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
             if key.endswith(SUFFIX):
                 attachments[key.removesuffix(SUFFIX)] = unpacked(message.data)
             elif key:
-                wall = message.logged / 1e9
-                sample = Sample(key, message.data, attachments.pop(key, None), wall)
-                yield Recorded(sample, wall)
+                yield key, message.data, attachments.pop(key, None), message.logged / 1e9
 
 
-def _indexed(file: IO[bytes]) -> tuple[dict[int, str], Statistics | None]:
-    """Return the keys of all channels, and the statistics, from the index at the end if there is one."""
+def _indexed(file: IO[bytes]) -> tuple[dict[int, str], Statistics | None, list[Times]]:
+    """Return all channels' keys, statistics and the times of all chunks, from the index at the end if any."""
     keys: dict[int, str] = {}
     statistics = None
+    chunks = []
     for record in summary(file):
         if record.opcode == Opcode.CHANNEL:
             _learn(keys, understood(Channel.read, record.body))
         elif record.opcode == Opcode.STATISTICS:
             statistics = understood(Statistics.read, record.body)
-    return keys, statistics
+        elif record.opcode == Opcode.CHUNK_INDEX and (times := times_of(record)) is not None:
+            chunks.append(times)
+    return keys, statistics, chunks
 
 
 def _learn(keys: dict[int, str], *channels: Channel | None) -> None:
@@ -261,21 +305,22 @@ class Rerun:
 
     The live monitor judged the formation error at the moments of its publication, which are recorded, so
     settling and the final error come out the same. While an edge is unknown nothing is published; the known
-    edges are then judged every `LOOK_PERIOD`. There is one clock: the recorder's system clock.
+    edges are then judged every `LOOK_PERIOD`. The monotonic clock is the recorder's system clock as if it had
+    not been set since the recording began.
     """
 
     def __init__(self, mission: Mission) -> None:
         self.metrics = Metrics(mission)
-        self._looked = -math.inf  # [s, the recorder's system clock]
+        self._looked = -math.inf  # [s, monotonic]
 
     def process_message(self, message: Recorded) -> None:
         """Take the next message of the file."""
-        now = Now(message.wall, message.wall)
+        now = message.now
         if message.sample.key not in _OWN:
-            self.metrics.process_sample(message.sample, message.wall)
+            self.metrics.process_sample(message.sample, now.wall)
         elif message.sample.key == ERROR.key():
             self.metrics.observe(now)
-            self._looked = message.wall
-        if message.wall - self._looked > 1.5 * LOOK_PERIOD:
+            self._looked = now.mono
+        if now.mono - self._looked > 1.5 * LOOK_PERIOD:
             self.metrics.observe(now, known_only=True)
-            self._looked = message.wall
+            self._looked = now.mono

@@ -69,6 +69,13 @@ class Record(NamedTuple):
         return self.at + _HEAD.size + len(self.body)
 
 
+class Times(NamedTuple):
+    """When a chunk's messages arrived, each [ns]."""
+
+    first: int
+    last: int
+
+
 class Entry(NamedTuple):
     """One message of a chunk."""
 
@@ -155,9 +162,15 @@ def contents(body: bytes) -> Contents | None:
         return None
 
 
+def times_of(chunk: Record) -> Times | None:
+    """Return the times of a chunk, or of a chunk in the index; None if it is damaged."""
+    return Times(*_TIMES.unpack_from(chunk.body)) if len(chunk.body) >= _TIMES.size else None
+
+
 def ends_before(chunk: Record, moment: float) -> bool:
     """Return whether all messages of a chunk arrived before `moment` [s]; False if it is damaged."""
-    return len(chunk.body) >= _TIMES.size and _TIMES.unpack_from(chunk.body)[1] < moment * 1e9
+    times = times_of(chunk)
+    return times is not None and times.last < moment * 1e9
 
 
 def footer(file: IO[bytes]) -> Footer | None:

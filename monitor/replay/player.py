@@ -1,10 +1,10 @@
 """The position in a recording being played, and its due messages: a clock that can be set.
 
-A position is a time of the recording [s, its recorder's system clock]. It follows the caller's monotonic
-clock at the requested speed; it stands while paused. Seeking forward skips the messages between, seeking back
-starts again, as the metrics depend on all messages so far: from the beginning or, if that is more than a
-stretch, from a stretch before the position. Positions never run ahead of the messages: a player that cannot
-keep up falls behind and reports by how much, instead of skipping.
+A position is a time of the recording [s, its recorder's system clock as if it had not been set]. It
+follows the caller's monotonic clock at the requested speed; it stands while paused. Seeking forward skips the
+messages between, seeking back starts again, as the metrics depend on all messages so far: from the beginning
+or, if that is more than a stretch, from a stretch before the position. Positions never run ahead of the
+messages: a player that cannot keep up falls behind and reports by how much, instead of skipping.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Film:
         """Time of the first message [s, the recorder's system clock]."""
         self.end = extent.end
         """Time of the last message [s]."""
+        self._steady = extent.steady
         share = min(1.0, MAX_REBUILT_MESSAGES / max(extent.counts.total(), 1))
         self.stretch = max(MIN_RECORDING_TIME, share * (self.end - self.start))
         """Longest time of it that may be skipped at once [s]."""
@@ -60,7 +61,8 @@ class Film:
 
     def messages(self, since: float) -> Iterator[Recorded]:
         """Yield messages as a `Playable` does."""
-        return dropwhile(lambda message: message.wall < since, self._recording.messages(since))
+        messages = self._recording.messages(since if self._steady else -math.inf)
+        return dropwhile(lambda message: message.sample.arrived < since, messages)
 
 
 class Due(NamedTuple):
@@ -131,7 +133,7 @@ class Player:
     @property
     def finished(self) -> bool:
         """Whether all messages have been handed out."""
-        over = self._next is None or self._next.wall > self.end
+        over = self._next is None or self._next.sample.arrived > self.end
         return over and self.position >= self.end and not self.seeking
 
     def pause(self) -> None:
@@ -176,11 +178,11 @@ class Player:
         if self._next is None or self.paused:
             return math.inf
         since, begin = self._anchor
-        return max(since + (self._next.wall - begin) / self.speed - mono, 0.0)
+        return max(since + (self._next.sample.arrived - begin) / self.speed - mono, 0.0)
 
     def _pass_over(self, mono: float, target: float, most: int) -> list[Due]:
         due: list[Due] = []
-        while self._next is not None and self._next.wall < target and len(due) < most:
+        while self._next is not None and self._next.sample.arrived < target and len(due) < most:
             due.append(Due(self._pop(), aloud=False))
         if len(due) < most:
             self._target, self.position, self._anchor = None, target, (mono, target)
@@ -189,11 +191,11 @@ class Player:
     def _play(self, mono: float, most: int) -> list[Due]:
         clock = self._clock(mono)
         due: list[Due] = []
-        while self._next is not None and self._next.wall <= clock and len(due) < most:
+        while self._next is not None and self._next.sample.arrived <= clock and len(due) < most:
             due.append(Due(self._pop(), aloud=True))
         reached = clock
-        if self._next is not None and self._next.wall <= clock:  # more than fits now
-            reached = due[-1].message.wall if due else self.position
+        if self._next is not None and self._next.sample.arrived <= clock:  # more than fits now
+            reached = due[-1].message.sample.arrived if due else self.position
         self.position = max(self.position, reached)
         return due
 
@@ -202,8 +204,8 @@ class Player:
         since, begin = self._anchor
         clock = begin + (mono - since) * self.speed
         self.behind = 0.0
-        if self._next is not None and self._next.wall <= self.end:
-            waits = max(self._next.wall, self.position)
+        if self._next is not None and self._next.sample.arrived <= self.end:
+            waits = max(self._next.sample.arrived, self.position)
             self.behind = max(clock - waits, 0.0) / self.speed
             if self.behind > MAX_CATCH_UP_TIME:
                 self.lost += self.behind

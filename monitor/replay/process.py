@@ -62,13 +62,15 @@ class Picture:
     def process_message(self, message: Recorded) -> None:
         """Take in the next message."""
         self.rerun.process_message(message)
-        sample = message.sample
+        sample, mono = message.sample, message.sample.arrived
         try:
-            if sample.key == ERROR.key() and self._rate.tick(message.wall):
-                self.history.append((message.wall, decode(Number, sample.payload).value))
+            if sample.key == ERROR.key() and self._rate.tick(mono):
+                self.history.append((mono, decode(Number, sample.payload).value))
             elif sample.key == EVENTS.key():
                 self._happened += 1
-                self.events.append((self._happened, from_message(decode(LogEntry, sample.payload))))
+                event = from_message(decode(LogEntry, sample.payload))
+                event = event._replace(at=event.at + (mono - message.wall))
+                self.events.append((self._happened, event))
         except BadMessage:
             return  # of the monitor's own messages, which the metrics do not use either
 

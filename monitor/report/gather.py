@@ -2,7 +2,7 @@
 
 The metrics are the monitor's own, fed as they were fed live, so settling time and final error are those that
 the monitor published. Memory is bounded for any length of the run: curves are thinned as they grow, all else
-is counted.
+is counted. Times are by the recorder's system clock as if it had not been set since the recording began.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Run:
     begin: float
     """Arrival of the first message [s, the recorder's clock]; NaN without one."""
     end: float
-    """Arrival of the last message."""
+    """Arrival of the last message [s, that clock as if it had not been set since]."""
     start: float
     """When the formation error was first known [s, the recorder's clock]; else the beginning."""
     snapshot: Snapshot
@@ -115,13 +115,13 @@ class Run:
         return self.error.whole.count > 0
 
 
-def gather(recording: Recording, progress: Callable[[int, float], None] = lambda _count, _wall: None) -> Run:
-    """Read all of it; `progress` gets at times the number of messages, and up to when [s, system clock]."""
+def gather(recording: Recording, progress: Callable[[int, float], None] = lambda _count, _at: None) -> Run:
+    """Read all of it; `progress` gets at times the number of messages, and up to when [s]."""
     one = _Gatherer(recording.mission)
     for message in recording.messages():
         one.process_message(message)
         if one.messages % PROGRESS_MESSAGES == 0:
-            progress(one.messages, message.wall)
+            progress(one.messages, message.sample.arrived)
     return one.run(recording)
 
 
@@ -142,34 +142,33 @@ class _Gatherer:
             [0.0, *(mission.robots[name].control_point_offset for name in mission.followers)]
         )
         self._same = 0.5 / max(mission.robots[name].rate for name in mission.followers)
-        self._begin = self._end = math.nan
+        self._begin = math.nan
+        self._end = Now(0.0, 0.0)
         self._looked = self._shown = -math.inf
         self._start: float | None = None
         self._settled_at: float | None = None
-        self._now_settled: float | None = None
 
     def process_message(self, message: Recorded) -> None:
-        key, payload, wall = message.sample.key, message.sample.payload, message.wall
+        key, payload, now = message.sample.key, message.sample.payload, message.now
         rejections = self._rerun.metrics.rejections.by_key
         before = rejections[key]
         self._rerun.process_message(message)
         self.messages += 1
         if self.messages == 1:
-            self._begin = wall
-        self._end = wall
-        self._traffic.count_message(key, wall)
+            self._begin = now.mono
+        self._end = now
+        self._traffic.count_message(key, now.mono)
         if rejections[key] == before:
-            self._late.process_message(key, payload, wall)
+            self._late.process_message(key, payload, now.wall)
             if key in self._commands:
-                self._commands[key].process_command(payload, wall)
-        self._story.process_message(key, payload, self._now_settled)
-        self._leader_terms.process_sample(message.sample, wall)
-        if key == ERROR.key() or wall - self._looked > LOOK_PERIOD:
-            self._look(Now(wall, wall))
+                self._commands[key].process_command(payload, now.mono)
+        self._story.process_message(message, self._start)
+        self._leader_terms.process_sample(message.sample, now.mono)
+        if key == ERROR.key() or now.mono - self._looked > LOOK_PERIOD:
+            self._look(now)
 
     def run(self, recording: Recording) -> Run:
-        end = 0.0 if math.isnan(self._end) else self._end
-        snapshot = self._rerun.metrics.snapshot(Now(end, end))
+        snapshot = self._rerun.metrics.snapshot(self._end)
         start = self._start if self._start is not None else self._begin if self.messages else 0.0
         if snapshot.settled_at is None:
             self._restart()
@@ -181,7 +180,7 @@ class _Gatherer:
             condition=recording.condition(),
             messages=self.messages,
             begin=self._begin,
-            end=self._end,
+            end=self._end.mono if self.messages else math.nan,
             start=start,
             snapshot=snapshot,
             paths=Paths(time, rows[:, :count], rows[:, count:]),
@@ -198,7 +197,7 @@ class _Gatherer:
                 name: Robot(error, heading, self._commands[CMD_VEL.key(name)].shares)
                 for name, (error, heading) in self._robots.items()
             },
-            keys=tuple(self._traffic.keys(snapshot, rejected, start, end)),
+            keys=tuple(self._traffic.keys(snapshot, rejected, start, self._end.mono)),
             late=self._late.by_topic,
             answers=self._late.answers,
             story=self._story,
@@ -209,22 +208,20 @@ class _Gatherer:
     def _look(self, now: Now) -> None:
         metrics = self._rerun.metrics
         snapshot = metrics.snapshot(now)
-        self._looked = now.wall
-        self._story.look(now.wall, metrics.orders)
-        self._doings.look(now.wall, snapshot.robots)
+        self._looked = now.mono
+        self._story.look(now.mono, metrics.orders)
+        self._doings.look(now.mono, snapshot.robots)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
-            self._start = now.wall - snapshot.elapsed
-        self._now_settled = snapshot.settled_at
+            self._start = now.mono - snapshot.elapsed
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:
             self._settled_at = snapshot.settled_at
             self._restart()
-        moment, placed = metrics.placed(now)
-        if not placed:
-            moment = now.wall
+        compared, placed = metrics.placed(now)
+        moment = (compared if placed else now.wall) - (now.wall - now.mono)
         if moment <= self._shown:
             return  # no new positions since the last look
         of = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
-        same = snapshot.formation_error is not None and abs(of - moment) < self._same
+        same = snapshot.formation_error is not None and abs(of - compared) < self._same
         true_error = snapshot.formation_error_true if same else None
         self._error.add(snapshot.formation_error)
         self._true_error.add(true_error)

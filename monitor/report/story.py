@@ -9,16 +9,17 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.mission.model import Mission
+from formation.monitor.core import MIN_CLOCK_STEP
 from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.events import silence_limit
 from formation.monitor.metrics.orders import Orders, Wish
 from formation.monitor.metrics.snapshot import SIGHT, RobotMetrics
+from formation.monitor.recording.reader import Recorded
 from formation.protocol.order import Mode
 from formation.ros2.messages import Diagnostics, LogEntry, decode
 from formation.topics import DIAGNOSTICS, EVENTS
-from formation.wire import BadMessage
+from formation.wire import BadMessage, Now
 
-SETTLED = b"settled_at"
 MAX_EVENTS = 2000
 """Most events, and changes of the order, that are kept; more are only counted."""
 MAX_LOOK_GAP = 1.0
@@ -38,6 +39,15 @@ class Ordered(NamedTuple):
     """Name of the candidate that gave it."""
 
 
+class ClockStep(NamedTuple):
+    """The recorder's system clock was set."""
+
+    at: float
+    """When [s, that clock as if it had not been set]."""
+    step: float
+    """By how much [s]."""
+
+
 class Story:
     """Collect the history."""
 
@@ -46,20 +56,37 @@ class Story:
         self.orders: list[Ordered] = []
         self.unlisted = 0
         """Number of events not kept."""
+        self.clock_steps: list[ClockStep] = []
         self.apart = math.nan
-        """Excess of the settling time last published by the monitor [s]; NaN if none was."""
+        """Excess of the monitor's own elapsed time since it was first published [s]; NaN before that."""
+        self._ahead = 0.0  # system clock before what it would be, had it not been set [s]
+        self._first_apart = math.nan
 
-    def process_message(self, key: str, payload: bytes, settled_at: float | None) -> None:
-        """Take an event, or compare the monitor's published settling time with `settled_at`, found now [s].
+    def process_message(self, message: Recorded, start: float | None) -> None:
+        """Take an event, or compare the monitor's own elapsed time with that since `start` [s].
 
         The live one is on the monotonic clock, which is not in a recording.
         """
-        with suppress(BadMessage, IndexError, ValueError):
+        key, payload, now = message.sample.key, message.sample.payload, message.now
+        self._follow_clock(now)
+        with suppress(BadMessage, LookupError, ValueError):
             if key == EVENTS.key():
-                self._add(from_message(decode(LogEntry, payload)))
-            elif key == DIAGNOSTICS.key() and settled_at is not None and SETTLED in payload:
-                values = decode(Diagnostics, payload).statuses[0].values
-                self.apart = float(values.get("settled_at", "nan")) - settled_at
+                event = from_message(decode(LogEntry, payload))
+                self._add(event._replace(at=event.at - self._ahead))
+            elif key == DIAGNOSTICS.key() and start is not None:
+                self._compare(decode(Diagnostics, payload), now.mono - start)
+
+    def _follow_clock(self, now: Now) -> None:
+        ahead = now.wall - now.mono
+        if abs(ahead - self._ahead) >= MIN_CLOCK_STEP and len(self.clock_steps) < MAX_EVENTS:
+            self.clock_steps.append(ClockStep(now.mono, ahead - self._ahead))
+        self._ahead = ahead
+
+    def _compare(self, diagnostics: Diagnostics, elapsed: float) -> None:
+        apart = float(diagnostics.statuses[0].values["elapsed"]) - elapsed
+        if math.isnan(self._first_apart):
+            self._first_apart = apart
+        self.apart = apart - self._first_apart
 
     def _add(self, event: Event) -> None:
         if len(self.events) < MAX_EVENTS:
@@ -67,14 +94,14 @@ class Story:
         else:
             self.unlisted += 1
 
-    def look(self, wall: float, orders: Orders) -> None:
-        """Note a change of the order by `wall` [s]."""
+    def look(self, at: float, orders: Orders) -> None:
+        """Note a change of the order by `at` [s]."""
         order, lead = orders.newest, orders.lead
         if order is None or len(self.orders) >= MAX_EVENTS:
             return
         wanted = order.mode, Wish.of(order), lead.name if lead else ""
         if not self.orders or self.orders[-1][1:] != wanted:
-            self.orders.append(Ordered(wall, *wanted))
+            self.orders.append(Ordered(at, *wanted))
 
 
 @dataclass(slots=True)
@@ -113,10 +140,10 @@ class Doings:
         self._deadlocks = dict.fromkeys(mission.followers, 0)
         self._looked = float("inf")
 
-    def look(self, wall: float, robots: Mapping[str, RobotMetrics]) -> None:
-        """Account for the states of all robots at `wall` [s]."""
-        passed = wall - self._looked
-        self._looked = wall
+    def look(self, at: float, robots: Mapping[str, RobotMetrics]) -> None:
+        """Account for the states of all robots at `at` [s]."""
+        passed = at - self._looked
+        self._looked = at
         if all(self._lost(name, robots[name]) for name in self.each):
             passed = 0.0  # before the run, or after it
         for name, doing in self.each.items():

@@ -16,8 +16,8 @@ from formation.monitor.report.leader_terms import overlaps
 from formation.monitor.report.thin import Measured
 from formation.monitor.report.traffic import Key
 
-MIN_SETTLING_DIFFERENCE = 0.01
-"""Difference of settling time from the monitor's own from which on it is reported [s]."""
+MIN_CLOCK_DIFFERENCE = 0.01
+"""Difference of elapsed time from the monitor's own from which on it is reported [s]."""
 EARLIER_SILENCE = 1.0
 """A robot that falls silent earlier than the others by this much counts as lost [s]."""
 
@@ -151,13 +151,21 @@ def notices(run: Run) -> Iterator[str]:
     wrong = sorted({key.robot for key in run.keys if key.clock is not None and not clock_agrees(key.clock)})
     if wrong:
         yield f"Clocks differ from the recorder's: {_listed(wrong)}. Their delays contain the difference."
-    if abs(run.story.apart) > MIN_SETTLING_DIFFERENCE:
+    yield from _clock_notices(run)
+    if run.story.unlisted:
+        yield f"{words.whole(run.story.unlisted)} more events were recorded than are listed here."
+
+
+def _clock_notices(run: Run) -> Iterator[str]:
+    """Yield how the recorder's clock was set, and by how much times are off for it."""
+    steps = [f"by {one.step:+.3f} s at {words.seconds(one.at - run.start)}" for one in run.story.clock_steps]
+    if steps:
+        yield f"The recorder's system clock was set {_listed(steps)}: times here are as if it had not been."
+    if abs(run.story.apart) > MIN_CLOCK_DIFFERENCE:
         yield (
             "The recorder's system clock was set during the run: times here are off by up to"
             f" {words.milliseconds(abs(run.story.apart))}."
         )
-    if run.story.unlisted:
-        yield f"{words.whole(run.story.unlisted)} more events were recorded than are listed here."
 
 
 def lost_robots(keys: Sequence[Key]) -> list[tuple[str, float]]:

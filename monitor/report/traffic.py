@@ -59,18 +59,18 @@ class Traffic:
         self._keys: dict[str, Watched] = {one.key: one for one in (*watched(mission), *OWN)}
         self._tallies = {key: _Tally() for key in self._keys}
 
-    def count_message(self, key: str, wall: float) -> None:
-        """Count a message that arrived at `wall` [s]."""
+    def count_message(self, key: str, at: float) -> None:
+        """Count a message that arrived at `at` [s]."""
         tally = self._tallies.get(key)
         if tally is None:
             return
-        gap = wall - tally.last
+        gap = at - tally.last
         if not gap <= tally.gap and tally.count:  # the first gap is longer than none
             tally.gap, tally.gap_at = gap, tally.last
         if not tally.count:
-            tally.first = wall
+            tally.first = at
         tally.count += 1
-        tally.last = wall
+        tally.last = at
 
     def keys(
         self, snapshot: Snapshot, rejected: Mapping[str, int], start: float, end: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from formation.mission.file import parse, read
@@ -12,8 +12,8 @@ from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.report.gather import Run, gather
-from formation.wire import Sample
-from tests.support.monitored import EPOCH, Fleet, command, now, odometry, status
+from formation.wire import Now, Outgoing, Sample
+from tests.support.monitored import EPOCH, Fleet, command, odometry, status
 
 PERIOD = 0.02
 """Of the monitor's loop [s]."""
@@ -41,18 +41,36 @@ def talk(fleet: Fleet, seconds: float, *, truth: bool = True) -> list[Sample]:
     return sorted(late, key=lambda sample: sample.arrived)
 
 
-def record(path: Path, result: Iterable[Sample], text: str = "", law: str = "field") -> Snapshot:
-    """Record what is said, and the monitor's metrics, as its loop does; what it knows at the end."""
+def record(
+    path: Path,
+    result: Iterable[Sample],
+    text: str = "",
+    law: str = "field",
+    clock_set: Callable[[float], float] = lambda _time: 0.0,
+) -> Snapshot:
+    """Record what is said, and the monitor's metrics, as its loop does; what it knows at the end.
+
+    By `clock_set` [s] the monitor's system clock has been set until a time.
+    """
     text = text or read("six_robots")[0]
     mission = parse(text, "a test")
     monitor, inbox, time = Monitor(mission), list[Sample](), START
+
+    def at(time: float) -> Now:
+        return Now(time, time + EPOCH + clock_set(time))
+
     with Recorder(path, mission.name, text, law, (*watched(mission), *OWN)) as recorder:
 
+        def write(outbox: Iterable[Outgoing], moment: Now) -> None:
+            for out in outbox:
+                recorder.write(Sample(out.key, out.payload, out.attachment, moment.mono), moment.wall)
+
         def step() -> None:
+            moment = at(time)
+            write(monitor.watch_clock(moment), moment)
             for sample in inbox:
-                recorder.write(sample, sample.arrived + EPOCH)
-            for out in monitor.step(now(time), inbox):
-                recorder.write(Sample(out.key, out.payload, out.attachment, time), time + EPOCH)
+                recorder.write(sample, sample.arrived + EPOCH + clock_set(time))
+            write(monitor.step(moment, inbox), moment)
             inbox.clear()
 
         for sample in result:
@@ -61,7 +79,7 @@ def record(path: Path, result: Iterable[Sample], text: str = "", law: str = "fie
                 time += PERIOD
             inbox.append(sample)
         step()
-    return monitor.metrics.snapshot(now(time))
+    return monitor.metrics.snapshot(at(time))
 
 
 def gathered(path: Path) -> Run:

@@ -23,7 +23,7 @@ from formation.monitor.replay.player import (
 )
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet
-from tests.unit.monitor.recording.test_recorder import record
+from tests.unit.monitor.recording.test_recorder import record, recorder
 
 START = 1000.0
 PERIOD = 0.25
@@ -286,6 +286,21 @@ def test_film_starts_at_any_moment(recording: Recording, since: float) -> None:
     film, every = Film(recording), list(recording.messages())
     assert (film.start, film.end) == pytest.approx((every[0].wall, every[-1].wall))
     assert list(film.messages(EPOCH + since)) == [one for one in every if one.wall >= EPOCH + since]
+
+
+@pytest.mark.parametrize("step", [-60.0, -2.0])
+def test_film_plays_evenly_after_clock_set_back(tmp_path: Path, step: float) -> None:
+    with recorder(tmp_path / "run.mcap") as one:
+        for sample in Fleet().positions(10.0, 20.0):
+            one.write(sample, sample.arrived + EPOCH + step * (sample.arrived > 15.0))
+            one.flush(sample.arrived)
+    film = Film(read(tmp_path / "run.mcap"))
+    assert (film.start, film.end) == pytest.approx((EPOCH + 10.0, EPOCH + 20.0), abs=0.1)
+    player = Player(film, 0.0)
+    each = [len(player.next_batch(tenth / 10.0, MANY).due) for tenth in range(1, 101)]
+    assert (min(each), max(each), sum(each)) == pytest.approx((12, 12, 1200), abs=6)
+    assert player.finished
+    assert next(film.messages(EPOCH + 17.0)).sample.arrived == pytest.approx(EPOCH + 17.0, abs=0.1)
 
 
 def test_short_recording_is_rebuilt_completely_and_long_partly(

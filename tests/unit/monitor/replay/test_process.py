@@ -112,6 +112,15 @@ def test_page_follows_history_and_is_rebuilt_after_seek(clock: Clock) -> None:
     assert source.events(0)[0] == 3
 
 
+def test_page_times_are_positions_after_clock_was_set() -> None:
+    picture = loop.Picture(SIX)
+    event = Event(BEGIN - 60.0, 20, "", "reported", "after the clock was set back")
+    for key, message in ((EVENTS.key(), to_message(event)), (ERROR.key(), Number(0.5))):
+        picture.process_message(Recorded(Sample(key, encode(message), None, BEGIN), BEGIN - 60.0))
+    assert [event.at for _, event in picture.events] == [BEGIN]
+    assert list(picture.history) == [(BEGIN, 0.5)]
+
+
 def test_every_frame_contains_replay_position_even_when_paused(clock: Clock) -> None:
     source = page()
     replay = Replay(SIX, Player(Reel(), 0.0, paused=True), source)

@@ -14,6 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission.file import parse, read
+from formation.monitor import core
+from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.report import summary, tables
 from formation.monitor.report.gather import Run
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overlaps
@@ -27,6 +29,9 @@ from formation.topics import BALLOT, CMD_VEL, POSITION
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, sample_of, status, with_standbys
 from tests.support.recordings import START, coming_in, gathered, record, run_of, talk
+
+SET_AT = 14.0
+"""When the clock is set [s], before the formation has settled."""
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +48,51 @@ def test_settling_time_and_final_error_match_the_monitor(tmp_path: Path, run: Ru
         assert getattr(found, name) == getattr(reported, name)
     assert abs(run.story.apart) < 1e-3
     assert not [notice for notice in summary.notices(run) if "clock" in notice]
+
+
+def with_one_clock(step: float) -> list[Sample]:
+    """Positions, with the stamps of a clock that all share and that is set by `step` [s] at `SET_AT`."""
+    before = Fleet(away=coming_in)
+    result = before.positions(START, SET_AT)
+    after = Fleet(away=coming_in, epoch=EPOCH + step, beat=before.beat)
+    result += after.positions(SET_AT + 0.001, START + 12.0)
+    late = [sample._replace(arrived=sample.arrived + 0.002) for sample in result]
+    return sorted(late, key=lambda sample: sample.arrived)
+
+
+def recorded_with_clock_set(path: Path, step: float) -> tuple[Snapshot, Run, list[str]]:
+    """What the monitor knows at the end, the run of its recording, and the notices about clocks."""
+    reported = record(path, with_one_clock(step), clock_set=lambda time: step * (time > SET_AT))
+    run = gathered(path)
+    return reported, run, [notice for notice in notices(run) if "system clock" in notice]
+
+
+@pytest.mark.parametrize("step", [-900.0, -60.0, -3.0, -0.3, 3.0, 3600.0])
+def test_set_clock_leaves_all_figures_and_is_noticed(tmp_path: Path, step: float) -> None:
+    reported, run, found = recorded_with_clock_set(tmp_path / "run.mcap", step)
+    assert run.snapshot.settled_at == pytest.approx(reported.settled_at, abs=1e-5)
+    for name in ("final_error", "converged", "missed", "rejected"):
+        assert getattr(run.snapshot, name) == getattr(reported, name)
+    assert run.duration == pytest.approx(12.0, abs=0.1)
+    assert max(key.gap or 0.0 for key in run.keys if key.topic == "position") < 0.1
+    assert run.formation.time[-1] == pytest.approx(12.0, abs=0.2)
+    (event,) = (one for one in run.story.events if one.kind == "clock")
+    assert event.at - run.start == pytest.approx(SET_AT - START, abs=0.1)
+    (notice,) = found
+    assert f"was set by {step:+.3f} s at" in notice
+
+
+@pytest.mark.parametrize(
+    ("step", "notice", "off"), [(-60.0, "was set by -59.9", 0.05), (60.0, "off by up to 60.0 s", 61.0)]
+)
+def test_set_clock_is_noticed_without_its_event(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: float, notice: str, off: float
+) -> None:
+    monkeypatch.setattr(core, "MIN_CLOCK_STEP", math.inf)  # as of a version without the event
+    reported, run, found = recorded_with_clock_set(tmp_path / "run.mcap", step)
+    assert notice in " ".join(found)
+    assert (run.snapshot.converged, run.snapshot.rejected) == (True, reported.rejected if step < 0.0 else {})
+    assert run.snapshot.settled_at == pytest.approx(reported.settled_at, abs=off)
 
 
 def test_rms_and_maximum_cover_whole_and_settled_run(run: Run) -> None:
