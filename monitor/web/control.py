@@ -2,8 +2,9 @@
 
 The bus stays linked with all robots while the page is served, so a stop goes out at once. An order is sent
 repeatedly until all robots have answered, for a few seconds. Meanwhile another may come, from this page or
-from one that lags. The newest wins, but no order starts robots against a stop or a hold that its page cannot
-have shown yet. A stop is always sent, at once.
+from one that lags. The newest wins, but no order starts robots against a stop or a hold given here that its
+page cannot have shown yet: only a stop or another hold ends the sending of a hold. A stop is always sent, at
+once.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from formation.transport.wiring import Links
 DOUBLE_CLICK_TIME = 1.0
 """The same order again within this time counts as a double click [s]."""
 UNSEEN_STOP_TIME = 1.0
-"""An order within this time after a stop or a hold counts as given without seeing it [s]."""
+"""An order within this time after a stop or a hold was last sent counts as given without seeing it [s]."""
 MAX_SHOWN_AGE = 3.0
 """Age of the shown moment from which on a page is too old for orders [s]."""
 LONG_AGO_AGE = 3600.0
@@ -82,7 +83,7 @@ class Precedence:
 
     def __init__(self) -> None:
         self._given: list[Given] = []  # orders still being sent, and the newest
-        self._rested = -math.inf  # when a stop or a hold was given last
+        self._rested = -math.inf  # when a stop or a hold was given, or sent, last
         self._clicks: OrderedDict[str, Given] = OrderedDict()
 
     def give(
@@ -99,7 +100,7 @@ class Precedence:
         if known is not None and known.same_as(request):
             return known, False
         if request.do not in RESTS:
-            self._seen(request.do, now, behind)
+            self.check(request.do, now, behind)
         given = Given(request, now)
         self._overrule(given)
         if request.do in RESTS:
@@ -110,24 +111,33 @@ class Precedence:
                 self._clicks.popitem(last=False)
         return given, True
 
+    def end(self, given: Given, now: float) -> None:
+        """Record that an order is no longer sent, from `now` [s, monotonic] on."""
+        given.going = False
+        if given.request.do in RESTS:
+            self._rested = now
+
     def close(self) -> None:
         """End all sending."""
         for one in self._given:
             one.over = True
 
-    def _seen(self, wanted: Do, now: float, behind: float | None) -> None:
-        """Refuse an order that may start robots if its page does not show their present state."""
+    def check(self, wanted: Do, now: float, behind: float | None = None) -> None:
+        """Refuse an order that may start robots if its page does not show their present state.
+
+        `now` [s, monotonic] and `behind` are those of `give`. Raises Overruled.
+        """
         if behind is not None and behind > MAX_SHOWN_AGE:
             ago = f"{behind:.0f} s ago" if behind < LONG_AGO_AGE else "long ago"
             raise Overruled(f"{wanted}: this page shows what was {ago}; look again first")
         for one in self._given:
-            if one.going and one.request.do == "stop":
-                raise Overruled(f"{wanted}: a stop is being given, and not every robot has answered it yet")
+            if one.going and (rest := one.request.do) in RESTS:
+                raise Overruled(f"{wanted}: a {rest} is being given, and not every robot has answered it yet")
         if now - self._rested < UNSEEN_STOP_TIME + (behind or 0.0):
             raise Overruled(f"{wanted}: a stop or a hold was given just now; look, then ask again")
 
     def _overrule(self, given: Given) -> None:
-        """End all older orders except stops."""
+        """End all older orders except stops; `check` refuses those that must not end a hold."""
         for one in self._given:
             one.over = one.over or one.request.do != "stop"
         self._given = [one for one in self._given if one.going and not one.over]
@@ -213,8 +223,12 @@ class Operator:
         """Send a driver's velocity, in shares of the greatest from -1 to 1; return the leader's answer.
 
         The answer has ``ok``, ``reason``, ``code``, ``mode``, and the ``token`` for the next one, see
-        `formation.leader.driving`. `driver` is the id of the page. Raises ValueError.
+        `formation.leader.driving`. `driver` is the id of the page. Raises ValueError, or Overruled for a
+        velocity other than zero against a stop or a hold, as for an order.
         """
+        if forward or turn:
+            with self._lock:
+                self._precedence.check("drive", time.monotonic())
         most = first_limits(self._mission)
         try:
             request = OperatorRequest(
@@ -258,7 +272,8 @@ class Operator:
         except Exception as error:  # noqa: BLE001 - must reach the thread waiting for the report
             given.report.set_exception(error)
         finally:
-            given.going = False
+            with self._lock:
+                self._precedence.end(given, time.monotonic())
 
     def _put(self, given: Given, key: str, payload: bytes, timeout: float) -> asking.Question:
         """Send the question unless overruled: nothing older may be sent after a newer order."""

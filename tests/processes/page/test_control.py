@@ -186,16 +186,23 @@ def test_release_is_not_repeated_after_newer_stop(
     assert "release" not in team.sent[newer_stop:]
 
 
-def test_release_is_refused_while_stop_is_being_sent(
-    operator: Operator, team: Team, pages: ThreadPoolExecutor
+@pytest.mark.parametrize(
+    ("rest", "do", "what"),
+    [("stop", "release", {}), ("hold", "run", {}), ("hold", "shape", {"shape": "wedge"})],
+)
+def test_motion_is_refused_while_stop_or_hold_is_being_sent(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor, rest: str, do: str, what: dict[str, Any]
 ) -> None:
     team.away = {"robot6"}
-    stop = start_order(pages, operator, team, "stop")
+    given = start_order(pages, operator, team, rest)
     with pytest.raises(Overruled):
-        operator.order("release")
+        operator.order(do, **what)
+    with pytest.raises(Overruled):
+        operator.drive(driver="page-1", forward=0.5, turn=0.0, token=0)
+    assert operator.drive(driver="page-1", forward=0.0, turn=0.0, token=0)["mode"] == rest
     team.away = set()
-    assert stop.result(20.0)["missing"] == []
-    assert set(team.latch_modes().values()) == {"stop"}
+    assert given.result(20.0)["missing"] == []
+    assert set(team.latch_modes().values()) == {rest}
 
 
 def test_double_click_sends_release_once(

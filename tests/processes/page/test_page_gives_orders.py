@@ -155,8 +155,26 @@ def test_late_answer_does_not_hide_result_of_stop(browser: Browser, controlled: 
             page.click('[data-do="stop"]')
             page.locator("#order-result", has_text="stop: 4 of 6").wait_for()
             fleet.slow["hold"].set()
-        page.wait_for_timeout(100)
+        page.locator(
+            "#acknowledgements li", has_text="hold: 4 of 6 obey"
+        ).wait_for()  # below that of the stop
         assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
+
+
+def test_result_of_hold_is_shown_after_newer_order(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    fleet.slow["hold"] = threading.Event()
+    fleet.slow["shape"] = threading.Event()
+    with opened_with_token(browser, controlled) as page:
+        page.click('[data-do="hold"]')
+        for _ in range(2):  # it asks back
+            page.click('[data-do="shape"]')
+        page.locator("#order-result", has_text="shape: asking").wait_for()
+        fleet.slow["hold"].set()
+        page.locator("#order-result", has_text="hold: 4 of 6 obey").wait_for()
+        fleet.slow["shape"].set()
+        page.locator("#order-result", has_text="shape: 4 of 6 obey").wait_for()
 
 
 def test_order_without_answer_does_not_hide_result_of_newer_order(

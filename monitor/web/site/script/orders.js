@@ -6,13 +6,15 @@ import { forget, keep, post, token } from "./token.js";
 const TWICE = 1000; // Escape twice within so long stops [ms]
 const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
 const PATIENCE = 5000; // an answer of the page's own server takes no longer [ms]
+const RESTS = new Set(["stop", "hold"]);
 
 export class Orders {
   constructor(model) {
     this.model = model;
     this.escaped = -Infinity;
     this.armed = null;
-    this.turn = 0;
+    this.turn = 0; // of the newest order
+    this.shown = 0; // of the newest order with a result on the page
     this.shape = byId("order-shape");
     for (const button of document.querySelectorAll("button[data-do]")) {
       button.addEventListener("click", (event) => this.press(button, event.detail > 1));
@@ -76,7 +78,7 @@ export class Orders {
   press(button, hasty = false) {
     const what = button.dataset.do;
     if (hasty && this.armed === button) return;
-    if (what === "stop" || what === "hold" || this.armed === button) {
+    if (RESTS.has(what) || this.armed === button) {
       this.disarm();
       this.give(what);
       return;
@@ -105,32 +107,30 @@ export class Orders {
     try {
       const answer = await post("api/order", body, PATIENCE);
       const reply = await answer.json().catch(() => ({}));
-      // what came of an older order hides nothing that is newer; what came of a stop is always shown
-      if (turn === this.turn || what === "stop") this.receive(what, answer, reply);
+      this.receive(turn, what, answer, reply);
     } catch (error) {
-      if (turn !== this.turn && what !== "stop") return;
       const text = error.name === "TimeoutError" ? "NO ANSWER from the monitor" : "NOT SENT, the monitor cannot be reached";
-      this.tell("bad", `${what}: ${text}. Use the emergency stop on the robots.`);
+      this.result(turn, what, "bad", `${what}: ${text}. Use the emergency stop on the robots.`);
     }
   }
 
-  receive(what, answer, reply) {
+  receive(turn, what, answer, reply) {
     if (answer.status === 401) {
       forget();
       this.showToken(true);
-      this.tell("bad", `${what}: REFUSED, the token is not right`);
+      this.result(turn, what, "bad", `${what}: REFUSED, the token is not right`);
       return;
     }
-    if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${reply.error ?? `answer ${answer.status}`}`);
-    else this.acknowledge(what, reply);
+    if (!answer.ok) this.result(turn, what, "bad", `${what}: REFUSED, ${reply.error ?? `answer ${answer.status}`}`);
+    else this.acknowledge(turn, what, reply);
   }
 
   /** Robots without an answer first, then those that refused, with the reason, then those that obeyed, with milliseconds. */
-  acknowledge(what, { acknowledged, refused, missing, why, advice = [], unreached = [] }) {
+  acknowledge(turn, what, { acknowledged, refused, missing, why, advice = [], unreached = [] }) {
     const sound = !refused.length && !missing.length;
     const sum = `${what}: ${acknowledged.length} of ${acknowledged.length + refused.length + missing.length} obey`;
     const slowest = Math.max(0, ...acknowledged.map((one) => one.ms));
-    this.tell(sound ? "good" : "bad", sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum);
+    const text = sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum;
     const items = [
       ...(why ? [make("li", { "data-tone": "warn" }, why)] : []),
       ...advice.map((text) => make("li", { "data-tone": sound ? "good" : "warn" }, text)),
@@ -138,7 +138,19 @@ export class Orders {
       ...refused.map((one) => make("li", { "data-tone": "bad" }, `✕ ${one.robot} ${verdict(what, one, unreached)}: ${one.reason}`)),
       ...acknowledged.map((one) => make("li", { "data-tone": "good" }, `✓ ${one.robot} ${one.mode} ${one.ms.toFixed(0)} ms`)),
     ];
-    byId("acknowledgements").replaceChildren(...items);
+    this.result(turn, what, sound ? "good" : "bad", text, items);
+  }
+
+  /** What came of an order hides nothing newer; what came of an older stop or hold is shown below that. */
+  result(turn, what, tone, text, items = []) {
+    if (turn !== this.turn && !RESTS.has(what)) return;
+    if (turn < this.shown) {
+      byId("acknowledgements").append(make("li", { "data-tone": tone }, text), ...items);
+      return;
+    }
+    this.shown = turn;
+    this.tell(tone, text);
+    byId("acknowledgements").append(...items);
   }
 
   tell(tone, text) {

@@ -48,6 +48,10 @@ def finished(one: Given) -> Given:
     return one
 
 
+def is_sent(one: Given) -> bool:
+    return one.going and not one.over
+
+
 @pytest.mark.parametrize("do", ["hold", *STARTING])
 def test_double_click_gives_one_order(do: str) -> None:
     orders = Precedence()
@@ -104,15 +108,28 @@ def test_same_click_with_other_request_is_new() -> None:
     assert orders.give(request("stop"), 20.0, click="a")[1]
 
 
+@pytest.mark.parametrize("rest", sorted(RESTS))
 @pytest.mark.parametrize("do", STARTING)
-def test_motion_is_refused_while_stop_is_unanswered(do: str) -> None:
+def test_motion_is_refused_while_stop_or_hold_is_unanswered(do: str, rest: str) -> None:
     orders = Precedence()
-    stop = give(orders, "stop", 0.0)
-    with pytest.raises(Overruled, match="not every robot has answered"):
+    given = give(orders, rest, 0.0)
+    with pytest.raises(Overruled, match=f"{do}: a {rest} is being given, and not every robot has answered"):
         give(orders, do, LATER)
-    assert not stop.over
-    finished(stop)
+    assert is_sent(given)
+    finished(given)
     assert not give(orders, do, LATER).over
+
+
+@pytest.mark.parametrize("rest", sorted(RESTS))
+@pytest.mark.parametrize("do", STARTING)
+def test_motion_is_refused_just_after_late_answer(rest: str, do: str) -> None:
+    orders = Precedence()
+    orders.end(give(orders, rest, 0.0), 3.0)
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, do, 3.0 + 0.5 * UNSEEN_STOP_TIME)
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, do, 3.5 + UNSEEN_STOP_TIME, behind=1.0)
+    assert not give(orders, do, 3.5 + UNSEEN_STOP_TIME).over
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
@@ -169,7 +186,7 @@ def test_stop_is_always_sent_and_overrules_older_requests(
         now += wait
         for one in requested if answered else []:
             finished(one)
-        stopping = any(one.going and one.request.do == "stop" for one in requested)
+        resting = any(is_sent(one) and one.request.do in RESTS for one in requested)
         try:
             one, new = orders.give(request(do), now, click=click, behind=behind)
         except Overruled:
@@ -182,10 +199,10 @@ def test_stop_is_always_sent_and_overrules_older_requests(
         if do in RESTS:
             rested = now
         else:
-            assert not stopping
+            assert not resting
             assert now - rested >= UNSEEN_STOP_TIME
             assert behind is None or behind <= MAX_SHOWN_AGE
         requested.append(one)
-        put = [other for other in requested if other.going and not other.over]
+        put = [other for other in requested if is_sent(other)]
         assert put[-1] is one
         assert all(other.request.do == "stop" for other in put[:-1])
