@@ -124,12 +124,14 @@ def ask(
 
     A question reaches the robots linked at that moment, and linking takes a moment, so it is repeated: its
     id identifies it. After `over` it is not repeated. `linked` counts the linked robots; a question to all
-    then waits for the first link, and is repeated when all are linked.
+    then waits for the first link, and is repeated when all are linked. After a stop or a hold, further
+    answers to the questions sent so far are awaited for `LINGER_TIME`.
     """
     began, outcome = _now(), Outcome(request, recipients, {}, time.time(), seconds)
     counted = linked if recipients.each else None
     talks = {key: _Talk(len(recipients.names), counted) for key in _keys(recipients)}
     settled = None
+    resting = request.do in RESTS
     while True:
         age = _now() - began
         for talk in talks.values():
@@ -138,9 +140,11 @@ def ask(
         if settled is None and not outcome.missing:
             settled = age
         lingered = settled is not None and age >= settled + LINGER_TIME
-        if outcome.whole or lingered or age >= seconds or over():
+        # a second agent of a robot may still answer that it does not stand
+        complete = outcome.whole and not (resting and any(talk.waits for talk in talks.values()))
+        if complete or lingered or age >= seconds or over():
             return outcome
-        wanted = _keys(recipients, outcome.unsettled)
+        wanted = [] if outcome.whole else _keys(recipients, outcome.unsettled)
         for key, talk in talks.items():
             if key in wanted and talk.due(age):
                 # a repeated request is older than 0, by `REPEAT_PAUSE` at least: a robot that has obeyed a
@@ -219,6 +223,11 @@ class _Talk:
         self._open.append((question, age))
         self._newest = age
 
+    @property
+    def waits(self) -> bool:
+        """Whether any of them may still be answered."""
+        return bool(self._open)
+
     def open(self) -> list[tuple[Question, float]]:
         """Questions and when they were sent; each is returned once more after it is over."""
         questions, self._open = self._open, [one for one in self._open if not one[0].over]
@@ -226,10 +235,7 @@ class _Talk:
 
 
 def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
-    """Keep the first answer of each robot; of a candidate, the first in which it leads.
-
-    Of two agents of a robot the one that commands it counts.
-    """
+    """Keep one answer of each robot: the first of those with the highest rank."""
     for reply in list(replies):  # more may arrive meanwhile
         try:
             new = json_message.decode(OperatorReply, reply.payload)
@@ -238,15 +244,16 @@ def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
         if reply.key != ORDER.key(new.robot) or new.robot not in outcome.recipients.names:
             continue
         known = outcome.answers[new.robot].reply if new.robot in outcome.answers else None
-        if known is None or (
-            known.readonly
-            if new.readonly != known.readonly
-            else known.leads is False and new.leads is not False
-        ):
+        if known is None or _rank(new) > _rank(known):
             # it is printed in terminals
             reason = "".join(c if c.isprintable() else " " for c in new.reason)
             answer = Answer(new.model_copy(update={"reason": reason}), put_at * 1e3 + reply.ms)
             outcome.answers[new.robot] = answer
+
+
+def _rank(reply: OperatorReply) -> tuple[bool, bool, bool]:
+    """Of two agents one that commands outranks, then one that leads, then one that does not obey."""
+    return not reply.readonly, reply.leads is not False, not reply.ok
 
 
 def _now() -> float:

@@ -114,6 +114,36 @@ def test_answer_of_readonly_agent_alone_counts(clock: Clock) -> None:
     assert clock.now < 0.2
 
 
+@pytest.mark.parametrize("rounds", [1, 2])
+@pytest.mark.parametrize("refusal_first", [True, False])
+def test_refusing_one_of_two_commanding_agents_counts(*, rounds: int, refusal_first: bool) -> None:
+    answers = [reply("robot2"), reply("robot2", ok=False, mode="run", code="no-link")]
+    first, second = reversed(answers) if refusal_first else answers
+    given = [[first, second, reply("robot1")]] if rounds == 1 else [[first], [second, reply("robot1")]]
+    outcome = Fleet(all=given).ask(each="robot2")
+    assert (outcome.unreached, outcome.obeyed) == (["robot2"], False)
+    assert "1 of 2 obey" in outcome.summary()
+    assert "NOT STOPPED: robot2: use the robot's own switch" in outcome.summary()
+
+
+def test_refusal_shortly_after_all_have_answered_counts(clock: Clock) -> None:
+    question = Question()
+
+    def put(*_: Any) -> Question:
+        question.add_reply("robot1/order", reply("robot1").payload)
+        return question
+
+    def over() -> bool:
+        if clock.now >= 0.5 * asking.LINGER_TIME and not question.over:
+            question.add_reply("robot1/order", reply("robot1", ok=False, code="no-link").payload)
+            question.end()
+        return False
+
+    outcome = asking.ask(put, Recipients(("robot1",)), OperatorRequest(do="stop"), 10.0, over)
+    assert outcome.refused == ["robot1"]
+    assert clock.now < asking.LINGER_TIME
+
+
 def test_linked_but_silent_robot_delays_no_other() -> None:
     fleet = Fleet(all=[[reply("robot1")], [], [], [reply("robot3")]], silent=True)
     outcome = fleet.ask(each="robot2 robot3", seconds=0.4)
