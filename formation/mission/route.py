@@ -68,7 +68,9 @@ class Waypoints(Table):
     """Speed of the leader [m/s]."""
 
 
-def _kind_of_leg(leg: Any) -> str:
+def _kind_of_leg(leg: Any) -> str | None:
+    if not isinstance(leg, (dict, Straight, Circle, Waypoints)):
+        return None
     keys = leg if isinstance(leg, dict) else vars(leg)
     return "waypoints" if "waypoints" in keys else "circle" if "radius" in keys else "straight"
 
@@ -77,7 +79,11 @@ Leg = Annotated[
     Annotated[Straight, Tag("straight")]
     | Annotated[Circle, Tag("circle")]
     | Annotated[Waypoints, Tag("waypoints")],
-    Discriminator(_kind_of_leg),
+    Discriminator(
+        _kind_of_leg,
+        custom_error_type="leg",
+        custom_error_message="Input should be a leg: a table of speed and heading_deg, radius or waypoints",
+    ),
 ]
 
 

@@ -6,6 +6,7 @@ The checks are pure. The leader, which knows the present shape, and a client, wh
 from __future__ import annotations
 
 import math
+import reprlib
 import secrets
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -34,31 +35,35 @@ MAX_SCALE = 1e3
 """Greatest scale of an order."""
 
 
-def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
-    """A request with its own id. Raises ValueError for an invalid one; the text names the legal ones.
+class BadOrder(ValueError):  # noqa: N818 - it is the order that is bad
+    """An order is unknown, or a field of it has no legal value; the text names the legal ones."""
 
-    `what` are its fields, see `formation.protocol.request.TAKES`. The leader may refuse more, as it knows
-    the figure.
+
+def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
+    """A request with its own id. Raises BadOrder, or ValueError for one that this mission cannot do.
+
+    `what` are its fields, see `formation.protocol.request.TAKES`, of any type. The leader may refuse more, as
+    it knows the figure.
     """
     legal = [one for one in get_args(Do) if one not in {"query", "drive"}]
     if do not in legal:
-        raise ValueError(f"{do!r}: must be one of {', '.join(legal)}")
+        raise BadOrder(f"{do!r}: must be one of {', '.join(legal)}")
     what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())
     for name in what:
         if name not in takes:
-            raise ValueError(f"{do}: takes no {name}")
+            raise BadOrder(f"{do}: takes no {name}")
     if do == "shape" and not what.get("shape"):
-        raise ValueError(f"shape: must be one of {', '.join(mission.shapes)}")
+        raise BadOrder(f"shape: must be one of {', '.join(mission.shapes)}")
     try:
         request = OperatorRequest.model_validate(
             {"do": do, **what, "id": secrets.token_hex(8), "mission": mission.tag}
         )
     except ValidationError as error:
-        raise ValueError(f"{do}: {_plain(error)}") from None
+        raise BadOrder(f"{do}: {_plain(error)}") from None
     if why := refusal(mission, request):
         raise ValueError(why)
     if len(encode(request)) > MAX_REQUEST_BYTES:
-        raise ValueError(f"{do}: too long, at most {MAX_REQUEST_BYTES} bytes are sent")
+        raise BadOrder(f"{do}: too long, at most {MAX_REQUEST_BYTES} bytes are sent")
     return request
 
 
@@ -156,9 +161,11 @@ def tuned(request: OperatorRequest, before: Tuned) -> Tuned:
 
 def _plain(error: ValidationError) -> str:
     first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].replace("Input should be", "must be")
-    return f"{where} = {first['input']!r}: {message}" if where else message
+    where = ".".join(reprlib.repr(part).strip("'") for part in first["loc"])  # keys may be any text
+    if first["type"] == "missing":
+        return f"{where}: must be given"
+    message = first["msg"].replace("Input should be", "must be").replace("a valid tuple", "a list")
+    return f"{where} = {reprlib.repr(first['input'])}: {message}" if where else message
 
 
 def _untunable(mission: Mission, request: OperatorRequest, gains: Tuned | None) -> str | None:

@@ -27,6 +27,7 @@ from formation.monitor.web.connection import OPERATOR
 from formation.monitor.web.source import Look, Source
 from formation.monitor.web.stream import Streams
 from formation.protocol.request import TAKES, Do
+from formation.stability.intent import BadOrder
 
 STEERING = ("pause", "play", "seek", "speed")
 MAX_BODY_BYTES = 4096
@@ -56,7 +57,10 @@ class Control(Protocol):
         """The token required in a request for an order."""
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
-        """Give an order and return the answers, as in `formation order --json`. Raises ValueError."""
+        """Give an order and return the answers, as in `formation order --json`.
+
+        Raises ValueError, for an order with an illegal value BadOrder.
+        """
 
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
         """Drive the leader by hand, and return its answer. Raises ValueError."""
@@ -176,6 +180,8 @@ class Orders:
         self._under_way += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(self._threads, order)
+        except BadOrder as error:
+            raise HTTPException(400, str(error)) from None
         except ValueError as error:
             raise HTTPException(409, str(error)) from None
         except Exception as error:  # noqa: BLE001 - the page has to show any failure

@@ -9,6 +9,7 @@ import pytest
 
 from formation.monitor.web.address import Bind
 from formation.monitor.web.server import words
+from formation.stability.intent import BadOrder
 from tests.processes.page.asking import BEARER, JSON, TOKEN, OrderRecorder, Player, requested
 from tests.support.child import until
 from tests.support.looking import serving
@@ -115,6 +116,9 @@ def test_refused_order_returns_reason_and_failed_one_is_logged(
     with serving(control=orders) as server:
         answer = requested(server, "api/order", {"do": "run"}, **BEARER)
         assert (answer.status_code, answer.json()) == (409, {"error": "run: a stop was given just now"})
+        orders.error = BadOrder("route: legs = 1: must be a list")
+        answer = requested(server, "api/order", {"do": "route", "legs": 1}, **BEARER)
+        assert (answer.status_code, answer.json()) == (400, {"error": "route: legs = 1: must be a list"})
         assert caplog.records == []
         orders.error = OSError("the link is down")
         answer = requested(server, "api/order", {"do": "run"}, **BEARER)

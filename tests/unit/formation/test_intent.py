@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 from itertools import combinations
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from formation.agent.following.gains import Bearable
@@ -18,7 +18,7 @@ from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Straight
 from formation.protocol.json_message import encode
 from formation.protocol.order import Tuned
-from formation.protocol.request import MAX_REASON_CHARS, MAX_REQUEST_BYTES, OperatorRequest
+from formation.protocol.request import MAX_REASON_CHARS, MAX_REQUEST_BYTES, PARTS, Do, OperatorRequest
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
 from formation.stability.feasibility import problems
@@ -284,6 +284,12 @@ def test_requests_have_unique_ids_and_keep_their_shape() -> None:
         ("rotate", {}, "rotate: rotate takes degrees"),
         ("rotate", {"degrees": 4000.0}, "degrees = 4000.0: must be less than or equal to 3600"),
         ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
+        (
+            "route",
+            {"legs": [[1, 2]]},
+            "legs.0 = .1, 2.: must be a leg: a table of speed and heading_deg, radius",
+        ),
+        ("route", {"legs": [{"speed": 1.0}]}, "legs.0.straight.heading_deg: must be given"),
         ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
         ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
         *(("shape", {"shape": shape}, "must be one of hexagon, wedge") for shape in (None, "circle", "")),
@@ -298,6 +304,28 @@ def test_request_for_names_illegal_argument_and_legal_values(
 ) -> None:
     with pytest.raises(ValueError, match=output):
         request_for(SIX, do, **what)
+
+
+LEG_KEYS = st.sampled_from(("speed", "heading_deg", "radius", "turn", "waypoints", "duration")) | st.text()
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**400), 10**400) | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(LEG_KEYS, inner, max_size=4),
+    max_leaves=8,
+)
+
+
+@example("route", {"legs": [[1, 2]]})
+@example("route", {"legs": [{"speed": 0.1, "heading_deg": 0.0, 400 * "\n": 1}]})
+@example("rotate", {"degrees": 10**400})
+@given(st.sampled_from(get_args(Do)) | st.text(), st.dictionaries(st.sampled_from(PARTS), JSON, max_size=3))
+def test_any_json_is_obeyed_or_refused_in_one_sentence(do: str, what: dict[str, Any]) -> None:
+    try:
+        assert request_for(SIX, do, **what).do == do
+    except ValueError as error:
+        why = str(error)
+        assert why.startswith((do, repr(do), *what))
+        assert why.isprintable()
+        assert len(why) <= MAX_REASON_CHARS
 
 
 def test_route_above_max_request_bytes_is_refused() -> None:
