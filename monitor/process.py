@@ -61,6 +61,7 @@ class Showing:
                 self._reported = number
                 self._source.note(frames.event(number, event))
             self._frame(now, recorder)
+            self._source.step()
         except Exception:  # noqa: BLE001 - the monitor must go on without a page
             if self._complaints.tick(now.mono):
                 _log.exception("the page cannot be shown what is new")

@@ -197,6 +197,7 @@ class Replay:
                 self._bridge(self._source)
             else:
                 self._show(self._source, anew=was_seeking)
+            self._source.step()
         if self._again_from is not None and self._player.finished and not self._player.paused:
             self._player.seek(self._again_from)
         return min(max(self._player.idle(time.monotonic()), MIN_PAUSE), MAX_PAUSE)

@@ -41,6 +41,8 @@ MAX_ORDERS, MAX_EXTRA_STOPS = 16, 16
 """Most orders under way, and most stops in addition: stops never wait for other orders."""
 MAX_DRIVES = 4
 """Most velocities of drivers under way; they never wait for orders, nor orders for them."""
+MAX_STEP_AGE = 2.0
+"""Age of the newest step from which on the monitor counts as stuck [s]."""
 SITE = Path(str(files("formation.monitor.web").joinpath("site")))
 NO_STORE = {"cache-control": "no-store"}
 _log = logging.getLogger(__name__)
@@ -77,7 +79,7 @@ def application(source: Source, streams: Streams, control: Control | None, steer
     """Return the application, without the gate in front of it."""
     routes: list[Route | Mount] = [
         Route("/stream", streams, methods=["GET"]),
-        Route("/healthz", _health),
+        Route("/healthz", partial(_health, source)),
         Route("/metrics", partial(_metrics, streams)),
         Route("/api/snapshot", partial(_snapshot, streams)),
     ]
@@ -93,8 +95,10 @@ def application(source: Source, streams: Streams, control: Control | None, steer
     return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
 
 
-async def _health(_request: Request) -> Response:
-    """Answer that the server is alive."""
+async def _health(source: Source, _request: Request) -> Response:
+    """Answer that the server is alive and the monitor makes steps."""
+    if (age := source.step_age) > MAX_STEP_AGE:
+        raise HTTPException(503, f"the newest step of the monitor is {age:.1f} s old")
     return PlainTextResponse("ok\n", headers=NO_STORE)
 
 

@@ -73,7 +73,8 @@ class PageServer:
         self.stop()
 
     def start(self) -> None:
-        """Start serving."""
+        """Start serving; steps are expected from now on."""
+        self.source.step()
         self._thread.start()
         self._up.wait(START_TIMEOUT_SECONDS)
 

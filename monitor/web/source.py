@@ -7,6 +7,7 @@ gets fewer frames, never older ones. It works the same for live data and a repla
 from __future__ import annotations
 
 import json
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
@@ -46,13 +47,22 @@ class Greeting(NamedTuple):
 class Source:
     """Newest frame, events, and the data for a new page. Methods may be called from any thread."""
 
-    def __init__(self, about: Mapping[str, Any], clock: Callable[[], float]) -> None:
-        """`about` is `frames.hello`; `clock` gives the time for the page [s, system clock]."""
+    def __init__(
+        self,
+        about: Mapping[str, Any],
+        clock: Callable[[], float],
+        mono: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`about` is `frames.hello`; `clock` gives the time for the page [s, system clock].
+
+        `mono` gives the time of steps [s, monotonic].
+        """
         self.look: Look | None = None
         """The newest frame."""
         self.epoch = 0
         """Changes when earlier data becomes invalid, as after a jump in a replay."""
-        self._about, self._clock = dict(about), clock
+        self._about, self._clock, self._mono = dict(about), clock, mono
+        self._stepped = mono()
         self._history: deque[tuple[float, float | None]] = deque(maxlen=HISTORY_VALUES)
         self._events: deque[tuple[int, Mapping[str, Any], bytes]] = deque(maxlen=MAX_EVENTS)
         self.shapes: tuple[str, ...] = tuple(about["shapes"])
@@ -68,6 +78,10 @@ class Source:
     def wanted(self) -> bool:
         """Whether any client is connected. If not, no frame needs to be made."""
         return self._looking > 0
+
+    def step(self) -> None:
+        """Record that the watching thread has shown all that is new."""
+        self._stepped = self._mono()
 
     def show(self, frame: Mapping[str, Any], snapshot: Snapshot) -> None:
         """Take the newest frame and its snapshot. Raises ValueError if it is not valid JSON."""
@@ -114,6 +128,11 @@ class Source:
     def wakes(self, wake: Callable[[], None] | None) -> None:
         """Call `wake`, from the watching thread, whenever there is news."""
         self._wake = wake or (lambda: None)
+
+    @property
+    def step_age(self) -> float:
+        """Time since the newest step, or since the start [s]."""
+        return self._mono() - self._stepped
 
     def looking(self, people: int) -> None:
         """Set the number of clients that look, or wait for one frame."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import ssl
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -35,9 +35,10 @@ class Received(NamedTuple):
     data: Any
 
 
-def source(**about: Any) -> Source:
+def source(mono: Callable[[], float] = lambda: 0.0, **about: Any) -> Source:
+    """A source for a page. By its clock of steps, `mono` [s], no time passes unless one is given."""
     hello = frames.hello(MISSION, live=True, control=False, version="0")
-    return Source({**hello, **about}, lambda: 1234.5)
+    return Source({**hello, **about}, lambda: 1234.5, mono)
 
 
 def seen() -> Snapshot:

@@ -1,17 +1,21 @@
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 from pathlib import Path
 from typing import Any, cast
 
+import httpx
 import pytest
 
 from formation.monitor.core import Monitor
 from formation.monitor.metrics.event import INFO, Event
 from formation.monitor.process import Showing
 from formation.monitor.recording.recorder import Recorder
+from formation.monitor.web.routes import application
 from formation.monitor.web.source import Source
+from formation.monitor.web.stream import Streams
 from tests.support.looking import source
 from tests.support.monitored import EPOCH, Fleet, now
 
@@ -112,3 +116,31 @@ def test_failing_page_is_logged_and_monitor_continues(
     assert "no page today" in caplog.text
     assert watched.monitor.snapshot is not None
     assert watched.monitor.snapshot.converged
+
+
+def health(one: Source) -> httpx.Response:
+    app = application(one, Streams(one, lambda _: None), None, None)
+
+    async def answer() -> httpx.Response:
+        async with httpx.AsyncClient(
+            transport=httpx.ASGITransport(app), base_url="http://localhost"
+        ) as client:
+            return await client.get("/healthz")
+
+    return asyncio.run(answer())
+
+
+def test_health_is_503_once_newest_step_is_2_s_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter((0.0, 1.0, 3.0, 3.1, 4.0, 6.0, 7.0)).__next__  # created, then as in the lines below
+    watched = Watched(source(clock))
+    watched.run(10.0, 10.02)
+    assert health(watched.source).text == "ok\n"
+    answer = health(watched.source)
+    assert answer.status_code == 503
+    assert answer.json() == {"error": "the newest step of the monitor is 2.1 s old"}
+    watched.run(10.02, 10.04)
+    assert health(watched.source).status_code == 200
+    watched.source.looking(1)
+    monkeypatch.setattr(watched.source, "show", {}.__getitem__)  # fails: no frame is made
+    watched.run(11.0, 11.02)
+    assert health(watched.source).status_code == 503

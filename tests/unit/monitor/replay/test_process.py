@@ -121,8 +121,12 @@ def test_page_times_are_positions_after_clock_was_set() -> None:
     assert list(picture.history) == [(BEGIN, 0.5)]
 
 
-def test_every_frame_contains_replay_position_even_when_paused(clock: Clock) -> None:
+def test_every_frame_contains_replay_position_even_when_paused(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     source = page()
+    stepped = []
+    monkeypatch.setattr(source, "step", lambda: stepped.append(1))
     replay = Replay(SIX, Player(Reel(), 0.0, paused=True), source)
     replay.step("speed", 2.0)
     turns(replay, clock, 0.3)
@@ -133,6 +137,7 @@ def test_every_frame_contains_replay_position_even_when_paused(clock: Clock) -> 
     turns(replay, clock, 1.0)
     assert source.look is not None
     assert 8 <= source.look.number - number <= 11
+    assert len(stepped) >= source.look.number
 
 
 def test_frames_during_seek_show_target_and_last_state(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
