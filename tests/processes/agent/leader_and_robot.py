@@ -10,11 +10,13 @@ from typing import Any
 from formation.mission.file import load
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import address
+from formation.topics import POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from formation.wire import Sample
-from tests.support.child import PATIENCE, Child, started
+from tests.support.child import PATIENCE, Child, started, until
+from tests.unit.leader.leading import relayed
 
 SIX = load("six_robots")
 
@@ -25,7 +27,21 @@ def listening(endpoint: str, *keys: str) -> Iterator[Bus]:
     with Bus(BusConfig(connect=(endpoint,))) as bus:
         for key in keys:
             bus.subscribe(key)
+        bus.advertise(POSITION, POSITION.key("robot2"))
         yield bus
+
+
+def first_received(bus: Bus) -> list[Sample]:
+    """Samples up to the leader's first position. It gives no order before it has received a robot."""
+    samples: list[Sample] = []
+
+    def reached() -> bool:
+        bus.send([relayed("robot2", None, of=SIX)])
+        samples.extend(bus.drain())
+        return any(sample.key == POSITION.key("robot1") for sample in samples)
+
+    until(reached)
+    return samples
 
 
 @contextmanager

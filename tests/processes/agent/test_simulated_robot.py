@@ -11,7 +11,7 @@ import pytest
 
 from formation.mission.file import read
 from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
-from formation.topics import CMD_VEL, GROUND_TRUTH, POSITION
+from formation.topics import CMD_VEL, GROUND_TRUTH
 from formation.wire import Sample
 from tests.processes.agent.leader_and_robot import SIX, agent_side, leader, listening, received, robot2
 from tests.support.child import free_endpoint, started, until
@@ -75,7 +75,6 @@ def test_simulated_sensor_measures_leader_of_another_process(tmp_path: Path) -> 
         agent_side(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
     ):
         robot.event("ready")
-        agents.advertise(POSITION, POSITION.key("robot2"))
 
         def enough(samples: Sequence[Sample]) -> bool:
             # the robot may link with the leader later than the test with the robot

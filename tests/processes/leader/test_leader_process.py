@@ -15,7 +15,7 @@ from formation.protocol.order import Order
 from formation.protocol.request import OperatorReply
 from formation.ros2.messages import Diagnostics, Pose, decode
 from formation.wire import Sample
-from tests.processes.agent.leader_and_robot import leader, listening, received
+from tests.processes.agent.leader_and_robot import first_received, leader, listening, received
 from tests.support.child import PATIENCE, free_endpoint
 
 pytestmark = pytest.mark.processes
@@ -35,6 +35,7 @@ def any_newer_than(moment: float) -> Callable[[Sequence[Sample]], bool]:
 def test_leader_follows_route_in_real_time() -> None:
     end = free_endpoint()
     with leader(end) as child, listening(end, "robot1/position") as bus:
+        first_received(bus)
         samples = received(bus, lambda samples: len(samples) >= 30)
         child.signal(signal.SIGTERM)
     poses = [decode(Pose, sample.payload) for sample in samples]
@@ -51,7 +52,7 @@ def test_leader_follows_route_in_real_time() -> None:
 def test_leader_obeys_valid_requests_and_refuses_others() -> None:
     end = free_endpoint()
     with leader(end), listening(end, "robot1/position") as bus:
-        received(bus, len)
+        first_received(bus)
         modes = []
         requests = (
             b'{"do":"stop","id":"s"}',
@@ -81,7 +82,7 @@ def test_leader_obeys_valid_requests_and_refuses_others() -> None:
 def test_ended_leader_sends_hold_last() -> None:
     end = free_endpoint()
     with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
-        received(bus, lambda samples: any(sample.key == "robot1/position" for sample in samples))
+        first_received(bus)
         child.signal(signal.SIGINT)
         summary = child.event("summary")
         samples = received(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from formation.leader.core import Leader
 from formation.leader.driving import ramped
-from formation.mission.file import load, parse, read
+from formation.mission.file import parse, read
 from formation.protocol import json_message
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
@@ -21,7 +21,9 @@ from formation.stability.driving import STANDS, Limits, Velocity, first_limits, 
 from tests.support.fleet import at
 from tests.unit.leader.leading import drive, leading, listens, positions
 
-CONVOY = load("convoy")
+TEXT = read("convoy")[0].replace('robots = ["robot1"]', 'robots = ["robot3"]', 1)
+"""A mission with a leader that waits for a robot that it never receives."""
+CONVOY = parse(TEXT)
 speeds = st.floats(-10.0, 10.0)
 
 
@@ -277,7 +279,7 @@ def test_held_stick_moves_next_leader_only_after_release() -> None:
 
 
 def test_leader_stops_at_the_bounds() -> None:
-    leader = leading(load("convoy").changed(bounds=None))
+    leader = leading(CONVOY.changed(bounds=None))
     driver = Driver(leader)
     driver.hold_stick(0.1, 200.0, 0.2)
     assert leader.plan.fenced is not None
@@ -335,9 +337,8 @@ def test_order_of_driven_leader_counts_on_under_the_next() -> None:
 
 
 def test_turning_leader_keeps_slots_within_the_bounds() -> None:
-    mission = parse(read("convoy")[0] + "\n[bounds]\nx = [-2.6, 6.0]\ny = [-1.2, 1.2]\n")
+    mission = parse(TEXT + "\n[bounds]\nx = [-2.6, 6.0]\ny = [-1.2, 1.2]\n")
     leader = leading(mission)
-    leader.plan.cohesion._bound = None
     driver, fence = Driver(leader), Geofence(mission)
     now = driver.hold_stick(0.1, 15.0, 0.12)
     for turn_rate in (0.3, -0.3):

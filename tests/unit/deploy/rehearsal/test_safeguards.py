@@ -105,7 +105,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
         {"agent.pose.stream.Stream.fresh": lambda stream, _: stream.state.arrived is not None}),
     "does not name a lost leader": (PAIR, "leader:kill@6+4", "follow", without_row(beat_silence=9.0)),
     "takes late orders": (MEASURED, "robot1:late=0.5@3+8", "orders",
-        {"agent.following.orders.Orders._check_late": nothing}),  # another safeguard refuses late positions
+        {"agent.following.orders._check_late": nothing}),  # another safeguard refuses late positions
     "takes repeated positions": (TRIO, "robot1:again=2@4+10 robot1:kill@7+4", "orders",
         {"agent.following.publisher.AcceptedPublisher._judge": nothing}),
     "tears the file of stops": (TRIO, "robot1:stop@3+4 robot2:torn@4+2", "restored",
