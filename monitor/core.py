@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Reversible, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import Event, clock_set, to_message
+from formation.monitor.metrics.event import WARNING, Event, clock_set, to_message
 from formation.monitor.metrics.events import Events
 from formation.monitor.metrics.keys import watched
 from formation.monitor.metrics.metrics import Metrics
@@ -23,6 +24,9 @@ MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
 MIN_CLOCK_STEP = 0.1
 """Smallest change of our system clock against the monotonic one, from look to look, that is reported [s]."""
+MAX_STEP_TIME = 1.0
+"""Longest time between two steps of a monitor that was not frozen [s]. After a longer one no robot is called
+silent for as long: what robots sent meanwhile arrives late, if at all."""
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
@@ -52,6 +56,7 @@ class Monitor:
         self._noted: deque[Event] = deque()
         self._happened = 0
         self._ahead: float | None = None  # our system clock before the monotonic one [s]
+        self._stepped = self._judges_from = -math.inf  # [s, monotonic]
         self._stage = frozenset(stage)
         self._keys = watched(mission)
         self._error_rate, self._diagnostics_rate = Rate(10.0), Rate(1.0)
@@ -84,6 +89,7 @@ class Monitor:
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Read `inbox` and return the metrics that are due. An unknown error is not published."""
         outbox = self.watch_clock(now)
+        self._watch_steps(now)
         ahead = now.wall - now.mono
         for sample in inbox:
             self.metrics.process_sample(sample, sample.arrived + ahead)
@@ -92,12 +98,22 @@ class Monitor:
             if error is not None:
                 outbox.append(Outgoing(ERROR.key(), encode(Number(error))))
             self.snapshot = self.metrics.snapshot(now)
-            self._noted.extend(self._events.collect_events(now, self.snapshot))
+            if now.mono >= self._judges_from:
+                self._noted.extend(self._events.collect_events(now, self.snapshot))
         outbox += self._noted_events()
         if self._diagnostics_rate.tick(now.mono):
             snapshot = self.metrics.snapshot(now)
             outbox += [Outgoing(DIAGNOSTICS.key(), encode(one)) for one in diagnostics(snapshot, now.wall)]
         return outbox
+
+    def _watch_steps(self, now: Now) -> None:
+        """Note that this process was frozen; until messages arrive again, no robot is called silent."""
+        pause, self._stepped = now.mono - self._stepped, now.mono
+        if not MAX_STEP_TIME < pause < math.inf:
+            return
+        self._judges_from = now.mono + MAX_STEP_TIME
+        text = f"the monitor stood still for {pause:.1f} s; messages of that time may be missing"
+        self.note(Event(now.wall, WARNING, "", "frozen", text))
 
     def _noted_events(self) -> Iterator[Outgoing]:
         while self._noted:

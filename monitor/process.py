@@ -13,7 +13,7 @@ from typing import Any
 
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor, after
-from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.event import WARNING, Event
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import as_json, line
@@ -36,7 +36,7 @@ QUIET_TIME = 0.2
 STOP_TIMEOUT_SECONDS = 1.0
 """Longest time to go on after a request to stop while the fleet still sends [s]."""
 COMPLAINT_RATE = 0.1
-"""Highest rate of log entries about a failing page [Hz]."""
+"""Highest rate of reports about a failing page, and about too many messages [Hz]."""
 _log = logging.getLogger(__name__)
 
 
@@ -111,6 +111,7 @@ class Watch:
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros, self._page, self._export = stage, ros, page, export
         self._reported = 0  # number of the newest event sent with a snapshot
+        self._overflowed, self._complaints = 0, Rate(COMPLAINT_RATE)
 
     def declare(self) -> None:
         """Declare all publications and subscriptions. Raises BusError."""
@@ -173,12 +174,21 @@ class Watch:
         inbox = self._bus.drain()
         self._publish(self._monitor.watch_clock(now), now)
         self._record(inbox, now)
+        self._watch_overflow(now)
         self._publish(self._monitor.step(now, inbox), now)
         if self._recorder is not None:
             self._recorder.flush(now.mono)
             for notice in self._recorder.notices():
                 self._monitor.note(Event(now.wall, notice.level, "", "recording", notice.text))
         return len(inbox)
+
+    def _watch_overflow(self, now: Now) -> None:
+        """Note messages that came while too many waited; at most every 10 s."""
+        lost = self._bus.overflowed - self._overflowed
+        if lost and self._complaints.tick(now.mono):
+            self._overflowed += lost
+            text = f"{lost} messages came while the monitor was busy: neither measured nor recorded"
+            self._monitor.note(Event(now.wall, WARNING, "", "recording", text))
 
     def _publish(self, outbox: Sequence[Outgoing], now: Now) -> None:
         for out in outbox:

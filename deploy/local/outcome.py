@@ -50,6 +50,8 @@ class Outcome:
         unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
         if lacking := self.monitor.get("recording_lost"):
             unrecorded.append(f"the recording lacks {lacking} messages that the monitor received")
+        if overflowed := self.monitor.get("dropped", {}).get("overflowed"):
+            unrecorded.append(f"the monitor was too slow for {overflowed} messages; the recording lacks them")
         return [
             f"{child.name} {how_it_ended(child)}{' during the run' if child.died else ''}" for child in bad
         ] + unrecorded

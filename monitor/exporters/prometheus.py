@@ -74,16 +74,16 @@ class MetricsCollector(Collector):
 
 
 def _formation(seen: Snapshot) -> Iterator[Metric]:
-    known, verdict = seen.known, seen.known_verdict
+    known, verdict = seen.known, seen.verdict_now
     yield _gauge("error_meters", "Sum over all edges", seen.formation_error)
     yield _gauge("known_error_meters", "Sum over the edges that are known", known.error)
     yield _gauge("known_edges", "Edges that are known", known.known_edges)
     yield _gauge("edges", "All edges", known.edges)
-    yield _gauge("known_converged", "1 if the known edges have stayed under the bound", verdict.converged)
+    yield _gauge("known_converged", "1 while known edges have stayed under the bound", verdict.converged)
     yield _gauge("error_true_meters", "The same from ground truth", seen.formation_error_true)
     yield _gauge("elapsed_seconds", "Since the error was first known", seen.elapsed)
     yield _gauge("settled_seconds", "When the error fell under the bound for good", seen.settled_at)
-    yield _gauge("converged", "1 if it has stayed there", seen.converged)
+    yield _gauge("converged", "1 while it is known and has stayed there for 2 s", seen.converged_now)
     modes = {(mode,): mode == seen.mode for mode in get_args(Mode)}
     yield _gauges("mode", "1 for what the leader orders", ["mode"], modes)
 

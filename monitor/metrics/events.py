@@ -79,6 +79,8 @@ class _Robot:
         self.name = name
         self._limit = silence_limit(rate)
         self._joined, self._gone_since = False, 0.0
+        self._missing_since = math.inf  # since when others are there, and not this one [s, monotonic]
+        self._absence_reported = False
         self._presence, self._state, self._publishers = Turns("lost"), Turns(), Turns("one publisher")
         self._availability, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
         self._stuck, self._deadlocks, self._relays = Turns("moves"), Turns("0"), Turns("true")
@@ -89,7 +91,7 @@ class _Robot:
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         robot = snapshot.robots[self.name]
-        yield from self._there(now, robot)
+        yield from self._there(now, robot, snapshot)
         yield from self._doing(now, robot)
         yield from self._following(now, robot)
         yield from self._obstacles(now, robot)
@@ -106,7 +108,18 @@ class _Robot:
                 text = "relays forged orders: others refuse them; take it out of the mission, or stop it"
             yield Event(now.wall, ERROR if forges else INFO, self.name, "forged", text + more)
 
-    def _there(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _absent(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        """Yield one event if nothing is received of this robot though others are there."""
+        others = any(one.age is not None for one in snapshot.robots.values())
+        self._missing_since = _since(others, self._missing_since, now.mono)
+        if not self._absence_reported and now.mono - self._missing_since >= START_TIME:
+            self._absence_reported = True
+            text = f"no position received yet, {START_TIME:g} s after the first of another robot"
+            yield Event(now.wall, WARNING, self.name, "absent", text)
+
+    def _there(self, now: Now, robot: RobotMetrics, snapshot: Snapshot) -> Iterator[Event]:
+        if not self._joined:
+            yield from self._absent(now, snapshot)
         lost = robot.age is None or robot.age > self._limit
         if lost and robot.age is not None and self._presence.state != "lost":
             self._gone_since = now.mono - robot.age

@@ -67,7 +67,9 @@ class Feed:
         A clock that agrees with ours is used as it is. Another is corrected by the median of the offsets, so
         that a robot with a wrong clock can still be compared with the others.
         """
-        gap, self._stamp = stamp - self._stamp, stamp
+        gap = stamp - self._stamp
+        if not -self._longest_gap < gap <= 0.0:  # an earlier one is of a second sender, or repeated
+            self._stamp = stamp
         if self._nominal and 0.0 < gap <= self._longest_gap:
             missed = max(round(gap * self._nominal) - 1, 0)
             self.missed += missed

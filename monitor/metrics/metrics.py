@@ -197,7 +197,7 @@ class Metrics:
         if robot is not self._leader:
             robot.place_it(sample, wall)
             if sample.attachment is not None:
-                robot.attachments.process_attachment(sample.attachment)
+                robot.attachments.process_attachment(sample.attachment, sample.arrived)
             return
         newest_order = None
         if sample.attachment is not None:

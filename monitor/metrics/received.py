@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -27,6 +28,10 @@ UNAVAILABLE = b'"unavailable":true'
 """As `formation.protocol.json_message.encode` writes it; left out if false."""
 MAX_PUBLISHER_IDS = 16
 """Number of publisher ids that are remembered."""
+MIN_RETURNS = 4
+"""Number of returns of earlier publishers within `ALTERNATION_TIME` from which on a robot has two."""
+ALTERNATION_TIME = 2.0
+"""[s]"""
 MAX_STAMP_LEAD = 0.1
 """Largest lead of a sample's stamp on its arrival [s]; one further ahead would outrank all that follow."""
 ZONES = {Zone.SLOW: "slowed", Zone.STOP: "blocked"}
@@ -47,19 +52,33 @@ class PositionAttachments:
         self.publishers = 0
         """Number of publishers so far; each start is another."""
         self._looks: tuple[bytes, bool] | None = None
-        self._known: dict[str, None] = {}
+        self._newest = ""  # publisher id
+        self._known: dict[str, float] = {}  # when each was replaced by another [s, monotonic]
+        self._returned: deque[float] = deque(maxlen=MIN_RETURNS)  # when one came back soon [s, monotonic]
 
-    def process_attachment(self, attachment: bytes) -> None:
-        """Take in one attachment. Raises BadMessage."""
+    def contested(self, mono: float) -> bool:
+        """Return whether publishers alternate: a process that ended does not come back."""
+        returned = self._returned
+        return len(returned) == MIN_RETURNS and mono - returned[0] < ALTERNATION_TIME
+
+    def process_attachment(self, attachment: bytes, arrived: float) -> None:
+        """Take in one attachment that arrived at `arrived` [s, monotonic]. Raises BadMessage."""
         looks = attachment.partition(b",")[0], UNAVAILABLE in attachment
         if looks == self._looks:
             return
         decoded = json_message.decode(PositionAttachment, attachment)
         self._looks, self.unavailable = looks, decoded.unavailable
-        if decoded.publisher_id in self._known:
+        before, self._newest = self._newest, decoded.publisher_id
+        if before == self._newest:
+            return
+        if before:
+            self._known[before] = arrived
+        if self._newest in self._known:
+            if arrived - self._known[self._newest] < ALTERNATION_TIME:
+                self._returned.append(arrived)
             return
         self.publishers += 1
-        self._known[decoded.publisher_id] = None
+        self._known[self._newest] = -math.inf
         if len(self._known) > MAX_PUBLISHER_IDS:
             self._known.pop(next(iter(self._known)))
 
@@ -179,9 +198,10 @@ class ReceivedOfRobot(Received):
         )
 
     def contested(self, now: Now) -> Iterable[str]:
-        """Return the neighbours with two publishers by this robot's newest status."""
+        """Return the robots with two publishers, by this one's newest status or by its own positions."""
         status = self._agent(now)
-        return () if status is None else status.contested
+        own = (self.name,) if self.attachments.contested(now.mono) else ()
+        return own if status is None else (*own, *status.contested)
 
     def forgers(self, now: Now) -> Iterable[str]:
         """Return the robots that lately relayed forged orders to this one, by its newest status."""

@@ -187,6 +187,17 @@ class Snapshot:
     """The candidates, by rank; empty if there are no standbys."""
 
     @property
+    def converged_now(self) -> bool:
+        """Whether it has converged, and positions still arrive; `converged` outlasts the end of a run."""
+        return self.converged and self.known.error is not None
+
+    @property
+    def verdict_now(self) -> KnownVerdict:
+        """`known_verdict` while positions arrive."""
+        verdict = self.known_verdict
+        return verdict._replace(converged=verdict.converged and self.known.error is not None)
+
+    @property
     def settling_time(self) -> float | None:
         """From the newest wish, or the beginning, to `settled_at` [s]."""
         return None if self.settled_at is None else self.settled_at - self.wished_at

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable
 
@@ -54,14 +55,19 @@ class Statuses:
         """`requests` takes the operator requests in the statuses, as those of `name`."""
         self._kind, self._feed, self._name, self._requests = kind, feed, name, requests
         self._newest: AgentStatus | LeaderStatus | None = None
-        self._payload = b""
+        self._payload, self._stamp = b"", -math.inf
 
     def process_status(self, sample: Sample, wall: float) -> None:
         """Take in one more status. Raises BadMessage, also if it is repeated: it shows no process alive."""
         if sample.payload == self._payload:
             raise BadMessage("status is the one before")
         message = decode(Diagnostics, sample.payload)
-        self._feed.stamped(message.stamp, wall)
+        if message.stamp <= self._stamp and self._feed.fresh(sample.arrived):
+            raise BadMessage("stamp is not later than that of the status before")
+        self._stamp = message.stamp
+        age = wall - self._feed.stamped(message.stamp, wall)
+        if age > self._feed.limit:
+            raise BadMessage(f"status is {age:.1f} s old, by its usual delay")
         status = status_codec.from_message(self._kind, message)
         self._payload = sample.payload
         if status is not None:

@@ -24,9 +24,9 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
         "elapsed": _round(snapshot.elapsed, 3),
         "formation_error": _round(snapshot.formation_error, 6),
         "formation_error_true": _round(snapshot.formation_error_true, 6),
-        "known": snapshot.known_verdict._replace(final=snapshot.known).as_json(),
+        "known": snapshot.verdict_now._replace(final=snapshot.known).as_json(),
         "settled_at": _round(snapshot.settled_at, 3),
-        "converged": snapshot.converged,
+        "converged": snapshot.converged_now,
         "mode": snapshot.mode,
         "shape": snapshot.shape,
         "rotation": _round(snapshot.wish.rotation if snapshot.wish else None, 6),
@@ -106,7 +106,7 @@ def diagnostics(snapshot: Snapshot, stamp: float) -> Iterator[Diagnostics]:
 
 
 def _formation_status(snapshot: Snapshot) -> Status:
-    known, verdict = snapshot.known, snapshot.known_verdict
+    known, verdict = snapshot.known, snapshot.verdict_now
     values = {
         "error": _text(snapshot.formation_error),
         "known_error": _text(known.error),
@@ -117,7 +117,7 @@ def _formation_status(snapshot: Snapshot) -> Status:
         "error_true": _text(snapshot.formation_error_true),
         "elapsed": _text(snapshot.elapsed),
         "settled_at": _text(snapshot.settled_at),
-        "converged": str(snapshot.converged).lower(),
+        "converged": str(snapshot.converged_now).lower(),
         "mode": snapshot.mode or "",
         "shape": snapshot.shape,
         **_wanted(snapshot),

@@ -56,7 +56,7 @@ def test_unknown_error_is_not_published() -> None:
 
 
 def test_clock_event_is_recorded_before_messages_arrived_since() -> None:
-    bus, recorder, sample = Mock(), Mock(failure=None), Fleet().positions(10.0, 11.0)[0]
+    bus, recorder, sample = Mock(overflowed=0), Mock(failure=None), Fleet().positions(10.0, 11.0)[0]
     bus.drain.side_effect = ([], [sample])
     recorder.notices.return_value = ()
     times = iter((now(10.0), now(10.02)._replace(wall=10.02 + EPOCH - 60.0)))
@@ -67,6 +67,19 @@ def test_clock_event_is_recorded_before_messages_arrived_since() -> None:
     next(pauses)
     (event, at), (second, _) = (call.args for call in recorder.write.call_args_list[:2])
     assert (event.key, at, second) == (EVENTS.key(), 10.02 + EPOCH - 60.0, sample)
+
+
+def test_overflow_is_reported_with_number_of_messages() -> None:
+    bus, monitor, moment = Mock(overflowed=0), Monitor(Fleet().mission), [10.0]
+    bus.drain.return_value = []
+    watch = Watch(monitor, bus, None, Mock(), clock=lambda: now(moment[0]))
+    pauses = watch.run(Mock(__bool__=lambda _: False), snapshots=False)
+    for overflowed in (0, 980, 990, 990):
+        bus.overflowed, moment[0] = overflowed, moment[0] + 0.02
+        next(pauses)
+    moment[0] += 0.9
+    texts = [one.event.text for one in monitor.events if one.event.kind == "recording"]
+    assert texts == ["980 messages came while the monitor was busy: neither measured nor recorded"]
 
 
 def test_status_and_ground_truth_are_subscribed_to_last() -> None:

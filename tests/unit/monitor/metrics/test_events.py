@@ -34,7 +34,7 @@ from formation.protocol.attachment import PositionAttachment
 from formation.protocol.order import Slots
 from formation.protocol.status import CollisionMode, MotionFault, Sight
 from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encode
-from formation.topics import EVENTS, STATUS
+from formation.topics import EVENTS, POSITION, STATUS
 from formation.wire import Sample
 from tests.support.monitored import (
     EPOCH,
@@ -476,6 +476,56 @@ def test_unavailable_and_following_again_are_events() -> None:
     assert one.seen.robots["robot3"].unavailable
     (follows,) = of(one.drive(13.0, with_attachment(12.501, count=2)), "follows")
     assert (follows.robot, follows.level) == ("robot3", 20)
+
+
+def test_robot_that_never_appears_is_reported_once() -> None:
+    (absent,) = of(Watcher().drive(40.0, without="robot3"), "absent")
+    assert (absent.robot, absent.level) == ("robot3", 30)
+    assert absent.at - EPOCH == pytest.approx(10.0 + START_TIME, abs=0.2)
+
+
+def test_frozen_monitor_calls_no_robot_silent() -> None:
+    one = Watcher()
+    one.drive(15.0)
+    one.at = 75.0
+    one.run_until(75.1, [])
+    one.drive(80.0)
+    frozen, *others = one.reported[len(one.reported) - 1 :]
+    assert (frozen.kind, frozen.text) == (
+        "frozen", "the monitor stood still for 60.0 s; messages of that time may be missing"
+    )  # fmt: skip
+    assert not others
+    assert not of(one.reported, "lost")
+
+
+def published_by(publisher: str, samples: list[Sample]) -> list[Sample]:
+    """The positions of robot6 among these as of another process."""
+    return [
+        one._replace(attachment=json_message.encode(PositionAttachment(publisher_id=publisher, count=number)))
+        for number, one in enumerate(samples)
+        if one.key == POSITION.key("robot6")
+    ]
+
+
+def test_second_publisher_beside_first_is_contested() -> None:
+    one = Watcher()
+    positions = one.fleet.positions(10.0, 20.0)
+    first, second = published_by("a", positions), published_by("b", one.fleet.positions(15.025, 20.0))
+    events = one.run_until(20.0, [*(it for it in positions if "robot6" not in it.key), *first, *second])
+    (contested,) = of(events, "contested")
+    assert (contested.robot, contested.level) == ("robot6", 40)
+    assert contested.at - EPOCH == pytest.approx(15.2, abs=0.2)
+    assert one.seen.missed == 0
+
+
+def test_publisher_after_another_is_not_contested() -> None:
+    one = Watcher()
+    positions = one.fleet.positions(10.0, 20.0)
+    half = len(positions) // 2
+    first, second = published_by("a", positions[:half]), published_by("b", positions[half:])
+    events = one.run_until(20.0, [*(it for it in positions if "robot6" not in it.key), *first, *second])
+    assert not of(events, "contested")
+    assert len(of(events, "restarted")) == 1
 
 
 def test_restarted_process_is_reported_once() -> None:

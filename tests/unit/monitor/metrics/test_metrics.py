@@ -11,6 +11,7 @@ from itertools import chain
 import pytest
 
 from formation.mission.file import load
+from formation.monitor.metrics.feed import Feed
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Edge
 from formation.monitor.metrics.trajectory import Placed, Trajectory
@@ -239,6 +240,20 @@ def test_state_and_reason_come_from_status_until_silent(at: float, expected: tup
     assert (robot.state, robot.reason) == expected
 
 
+def test_old_statuses_repeated_alternately_show_no_process_alive() -> None:
+    old = [status("robot2", 10.0 + 0.5 * i, "run") for i in range(40)]
+    repeated = [one._replace(arrived=31.0 + 0.5 * i) for i, one in enumerate(old[:2] * 8)]
+    metrics = received(Fleet(), *old, *repeated)
+    assert metrics.snapshot(now(39.0)).robots["robot2"].state == "silent"
+
+
+def test_statuses_count_again_after_senders_clock_was_set_back() -> None:
+    before = [status("robot2", 10.0 + 0.5 * i, "run") for i in range(40)]
+    after = [status("robot2", 0.0 + 0.5 * i, "hold")._replace(arrived=30.0 + 0.5 * i) for i in range(40)]
+    metrics = received(Fleet(), *before, *after)
+    assert metrics.snapshot(now(49.6)).robots["robot2"].state == "hold"
+
+
 def test_each_key_has_rate_age_count_and_missed_periods() -> None:
     times = [10.0 + i / 20 for i in range(41) if i not in {15, 20, 21}]
     metrics = received(Fleet(), *[odometry("robot2", time) for time in times])
@@ -248,6 +263,14 @@ def test_each_key_has_rate_age_count_and_missed_periods() -> None:
     assert soon.rate == pytest.approx(20.0 * 30 / 33, rel=1e-6)
     assert soon.age == pytest.approx(0.01, abs=1e-6)
     assert later.rate == pytest.approx(31 / (33 / 20 + 2.0), rel=1e-6)
+
+
+def test_second_sender_behind_the_first_causes_no_missed_messages() -> None:
+    feed = Feed(20.0)
+    for i in range(100):
+        for stamp in (10.0 + i / 20, 9.8 + i / 20):
+            feed.stamped(stamp, 10.0 + i / 20)
+    assert feed.missed == 0
 
 
 def test_long_pause_is_not_counted_as_missed_messages() -> None:

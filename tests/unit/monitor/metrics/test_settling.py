@@ -120,6 +120,7 @@ def test_edges_of_returned_robot_are_known_again() -> None:
 def test_verdict_stays_after_all_robots_end() -> None:
     after = driven(Fleet(), 15.0).snapshot(now(60.0))
     assert (after.formation_error, after.converged) == (None, True)
+    assert (after.converged_now, after.verdict_now.converged) == (False, False)
     assert after.final_error == pytest.approx(0.0, abs=1e-9)
     after = driven(Fleet(), 20.0, silent="robot6", gone=15.0).snapshot(now(60.0))
     assert (after.known.error, after.known.known_edges) == (None, 0)
