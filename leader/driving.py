@@ -7,8 +7,8 @@ whatever a clock says, the leader stands at most `DRIVE_TIMEOUT_SECONDS` after t
 token of another process is never valid by chance of two clocks. The first request of a driver has no token
 and moves nothing.
 
-A driver must let go, that is send zero, before it moves the leader if it was refused because another drives,
-if a speed or a route was ordered while it drove, or if it drove before this leader began to lead.
+A driver must let go, that is send zero, before it moves the leader if it was refused as another drives or the
+fleet is held, if a speed or a route was ordered while it drove, or if it drove before this leader led.
 """
 
 from __future__ import annotations
@@ -104,26 +104,30 @@ class Driver:
         for one in self._known.values():
             one.begins, one.counts = False, one.released
 
-    def accept(self, name: str, wanted: Velocity, returned: int, moment: float) -> Result:
+    def accept(
+        self, name: str, wanted: Velocity, returned: int, moment: float, refusal: Result | None = None
+    ) -> Result:
         """Take a velocity that arrived at `moment` [s, monotonic] with the token `returned`.
 
-        Return whether it counts, or why not. A copy of a request has its token, so it counts no longer than
-        the request itself.
+        Return whether it counts, or why not: `refusal` if the fleet is held. A copy of a request has its
+        token, so it counts no longer than the request itself.
         """
         if not name:  # two without one would count as one driver
             return Result(ok=False, reason="a driver must have an id")
         one = self._recalled(name, begins=returned == 0)
         if returned == 0:
-            return Result(ok=False, reason="the first request fetches a token", code="first")
+            return refusal or Result(ok=False, reason="the first request fetches a token", code="first")
         issued = (returned - self._first) * TOKEN_SECONDS
         if why := one.outdated(wanted, returned, moment - issued):
-            return Result(ok=False, reason=why)
+            return refusal or Result(ok=False, reason=why)
         one.newest, one.released = returned, wanted == STANDS
         one.counts = one.counts or one.released
-        if why := self._refusal(name, one, moment):
+        if refusal is None and (why := self._refusal(name, one, moment)):
+            refusal = Result(ok=False, reason=why)
+        if refusal is not None:
             if not one.released:
                 one.begins = one.counts = False
-            return Result(ok=False, reason=why)
+            return refusal
         one.counts, self._ended = True, False
         self.name, self.wanted, self.until = name, wanted, issued + DRIVE_TIMEOUT_SECONDS
         if not one.released:

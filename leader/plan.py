@@ -232,12 +232,13 @@ class Plan:
     def drive(self, request: OperatorRequest, received: float) -> Result:
         """Take a driver's velocity, received at `received` [s, monotonic]."""
         mode, held = self.team_mode, Result(ok=False, reason="held: order run first")
+        refusal = None
         if mode.rest.stop:
-            return Result(ok=False, reason="stopped: release it, then order run", code="stopped")
-        if mode.rest.mode or (mode.base_mode == "hold" and mode.lost is None):
-            return held
+            refusal = Result(ok=False, reason="stopped: release it, then order run", code="stopped")
+        elif mode.rest.mode or (mode.base_mode == "hold" and mode.lost is None):
+            refusal = held
         velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
-        result = self.driver.accept(request.id, velocity, request.token or 0, received)
+        result = self.driver.accept(request.id, velocity, request.token or 0, received, refusal)
         if result.ok and not self.driven:
             self._driven_time = self.route_time
             self._drive_from_here()

@@ -19,7 +19,7 @@ from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.slots.geofence import Geofence
 from formation.stability.driving import STANDS, Limits, Velocity, first_limits, followable
 from tests.support.fleet import at
-from tests.unit.leader.leading import drive, leading, listens, positions
+from tests.unit.leader.leading import ask, drive, leading, listens, positions
 
 TEXT = read("convoy")[0].replace('robots = ["robot1"]', 'robots = ["robot3"]', 1)
 """A mission with a leader that waits for a robot that it never receives."""
@@ -71,6 +71,22 @@ def test_first_request_moves_nothing() -> None:
     assert not Driver(leader).send(0.1, 0.1).ok
     drive(leader, 0.15, 0.5)
     assert leader.plan.where() == 0j
+
+
+@pytest.mark.parametrize("rest", ["hold", "stop"])
+def test_stick_held_through_a_hold_moves_nothing_until_released(rest: str) -> None:
+    leader, driver, end = driven()
+    ask(leader, rest, end)
+    end = driver.hold_stick(end + 0.05, 1.0, 0.1)
+    if rest == "stop":
+        ask(leader, "release", end)
+    ask(leader, "run", end)
+    place = leader.plan.where()
+    end = driver.hold_stick(end + 0.05, 1.0, 0.1)
+    assert leader.plan.where() == place
+    end = driver.hold_stick(end + 0.05, 0.1, 0.0)
+    driver.hold_stick(end + 0.05, 1.0, 0.1)
+    assert leader.plan.where() != place
 
 
 def test_zero_velocity_holds_the_team_at_once() -> None:
