@@ -19,9 +19,9 @@ from typing import Any
 PATIENCE = 30.0
 """How long a test waits for what takes a fraction of a second on an idle machine [s]."""
 _PORTS = cycle(random.SystemRandom().sample(range(20_000, 32_000), 12_000))
-"""None is given twice, so that what is asked for together differs, though nobody listens there yet.
+"""None is given twice, so that what is asked for together differs, though no process listens there yet.
 
-They are below the ports that systems give to whoever asks for any, and each run has an order of its own.
+They are below the ports that systems give on request, and each run has an order of its own.
 """
 
 
@@ -118,7 +118,7 @@ def started(module: str, *arguments: str, nice: int = 0) -> Iterator[Child]:
 
 
 def free_endpoint() -> str:
-    """An endpoint of this machine that nobody listens on, and that nobody else here was given."""
+    """An endpoint of this machine on which no process listens, given once."""
     while True:
         port = next(_PORTS)
         with socket.socket() as probe, suppress(OSError):
@@ -128,7 +128,7 @@ def free_endpoint() -> str:
 
 @contextmanager
 def held_endpoint() -> Iterator[str]:
-    """An endpoint that nobody else is given while it is held, though Zenoh may listen on it.
+    """An endpoint that is given once while it is held, though Zenoh may listen on it.
 
     For what listens only after a while. On Linux a port may be listened on beside a socket that is merely
     bound to it, if both allow the reuse of addresses.

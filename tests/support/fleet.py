@@ -72,7 +72,7 @@ class Link(NamedTuple):
     loss: float
     """Share that is lost."""
     delay: tuple[float, float]
-    """Least and most [s]; whoever waits longer is overtaken."""
+    """Least and most [s]; what waits longer is overtaken."""
     twice: float = 0.0
     """Share that comes twice."""
     growth: float = 0.0
@@ -95,7 +95,7 @@ class PublisherIds:
 
 
 class LeaderTerm(NamedTuple):
-    """Who begins to lead, when, and in which term."""
+    """The processes that begin to lead, when, and in which term."""
 
     since: float
     name: str
@@ -128,13 +128,13 @@ class Fleet:
     commands: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: defaultdict(list))
     meddle: Callable[[Sample], Iterable[Sample]] = lambda sample: (sample,)
     links: dict[tuple[str, str], Link] = field(default_factory=dict)
-    """Those that are not as all others: from whom to whom."""
+    """Those that are not as all others, by sender and receiver."""
     sensors: dict[str, Link] = field(default_factory=dict)
     """How a robot's own positions come to its agent, where they do not come at once."""
     plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic
     """What makes what moves for the robots."""
     cuts: set[tuple[str, str]] = field(default_factory=set)
-    """Who is not received by whom."""
+    """Pairs of sender and receiver that are cut."""
     leader_terms: list[LeaderTerm] = field(default_factory=list)
     most_at_once: int = 0
     """So many were in lease at the same moment."""
@@ -262,7 +262,7 @@ class Fleet:
 
     @property
     def leaders(self) -> list[str]:
-        """Whose lease has not ended, by the clock and not by their newest step."""
+        """Candidates with a lease that has not ended, by the clock and not by their newest step."""
         return [
             name
             for name, one in self.candidates.items()
@@ -273,7 +273,7 @@ class Fleet:
 
     @property
     def in_charge(self) -> Leader:
-        """Who leads, or led last; the leader's own process before anybody has."""
+        """The process that leads, or led last; the leader's own before any has."""
         return self.candidates[self.leader_terms[-1].name] if self.leader_terms else self.leader
 
     def ask(self, name: str, do: str, **what: Any) -> OperatorReply:
@@ -293,7 +293,7 @@ class Fleet:
         return self.ask(name, "run")
 
     def order_shape(self, shape: str) -> OperatorReply:
-        """Have whoever leads ask for another shape."""
+        """Have the leading process ask for another shape."""
         request = OperatorRequest(do="shape", shape=shape)
         return decode_order(OperatorReply, self.in_charge.request(encode(request), self.now))
 

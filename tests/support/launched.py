@@ -61,7 +61,7 @@ def wait_until_formed(process: subprocess.Popen[str], bound: float) -> float:
     """Read what it says until the error is under `bound` [m] three times in a row, two seconds apart.
 
     Returns how long it had run when it said so for the first time [s]. A verdict that is asked for then does
-    not depend on what the machine did at one moment chosen beforehand: who heard nothing while it stood still
+    not depend on what the machine did at one moment chosen beforehand: a robot without messages meanwhile
     holds, and has to catch up.
     """
     assert process.stderr is not None
@@ -90,7 +90,7 @@ def run_for(line: str) -> float | None:
 class Output:
     """What a run says while the test does something else, read as it comes: nothing of it is old.
 
-    For one of which nobody reads stderr otherwise until it `ended`.
+    For one of which no test reads stderr otherwise until it `ended`.
     """
 
     def __init__(self, process: subprocess.Popen[str]) -> None:

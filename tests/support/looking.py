@@ -1,4 +1,4 @@
-"""Who looks at a page in a test: server-sent events over real HTTP, and a server with nothing behind it."""
+"""Viewers of a page in a test: server-sent events over real HTTP, and a server with nothing behind it."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def team(
     fallbacks: Mapping[str, Iterable[str]] | None = None,
     **keys: str | float,
 ) -> Mission:
-    """Robots that start in a row behind `leader`, each in its slot, and measure whom they are said to."""
+    """Robots that start in a row behind `leader`, each in its slot, and measure the given neighbours."""
     slots = {name: complex(-0.8 - 0.8 * number, 0.4 * (number % 2)) for number, name in enumerate(neighbours)}
     robot = {"control_point_offset": 0.1, "max_speed": 0.8, "max_turn_rate": 2.0, "rate": 20, **keys}
     lines = [

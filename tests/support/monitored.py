@@ -28,7 +28,7 @@ EPOCH = 1000.0
 """System clock less monotonic clock [s]: small, so that stamps are exact to far less than a nanometre."""
 HEADING = cmath.rect(1.0, 0.5)
 VELOCITY = 0.2 * HEADING
-"""Of everybody [m/s]."""
+"""Of all robots [m/s]."""
 
 
 def with_standbys() -> Mission:
@@ -97,7 +97,7 @@ class Fleet:
         return Sample(GROUND_TRUTH.key(robot), self.pose(robot, time, heading), None, time)
 
     def positions(self, start: float, end: float, *, without: str = "") -> list[Sample]:
-        """Everybody's, in order of arrival."""
+        """Those of all robots, in order of arrival."""
         samples = [
             self.position(robot, time)
             for robot in self.mission.names

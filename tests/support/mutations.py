@@ -1,4 +1,4 @@
-"""Payloads that went wrong on the way: what a fuzz test feeds to whoever reads the wire."""
+"""Payloads that went wrong on the way: what a fuzz test feeds to readers of the wire."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def random_bytes(rng: random.Random, corpus: Sequence[bytes]) -> bytes:
 
 
 def untouched(rng: random.Random, corpus: Sequence[bytes]) -> bytes:
-    """A proper message, for who expects another type."""
+    """A valid message of another type than expected."""
     return rng.choice(corpus)
 
 

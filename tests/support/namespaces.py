@@ -144,7 +144,7 @@ class Computer:
         )
 
     def unplug(self) -> None:
-        """Out of the radio's reach: nothing comes, nothing goes, and nobody is told."""
+        """Out of the radio's reach: nothing comes, nothing goes, and no process is notified."""
         _ip("-n", self._switch, "link", "set", self._port, "down")
 
     def plug(self) -> None:
@@ -192,7 +192,7 @@ class Field:
     """Computers that reach each other through one access point, and nothing else; a context manager."""
 
     def __init__(self, *, aside: bool = False) -> None:
-        """With `aside` they have `eth1` as well, 10.78.0.1 and so on: for whoever looks on, and no robot."""
+        """With `aside` they have `eth1` as well, 10.78.0.1 and so on: for observers, and no robot."""
         self._aside = aside
         _clear_abandoned()
         self._stem = f"{PREFIX}-{os.getpid()}-{secrets.token_hex(3)}"
@@ -235,7 +235,7 @@ class Field:
         _ip("-n", self._switch, "link", "set", name, "up")
 
     def take_over(self, computers: Iterable[Computer]) -> tuple[Computer, list[str]]:
-        """Where these are plugged in, for whoever is their access point in place of the bridge: ports.
+        """Where these are plugged in, for an access point in place of the bridge: ports.
 
         The first is a stand-in for the access point's own computer, to start that on.
         """

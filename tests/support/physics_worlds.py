@@ -48,7 +48,7 @@ def standing(
 
 
 def beside_its_slots(mission: Mission, seed: int, spread: float) -> Mission:
-    """Everybody off its slot by the same way, up to `spread` [m] on each axis: nobody has to cross."""
+    """All robots off their slots by the same way, up to `spread` [m] on each axis: no paths cross."""
     chance = random.Random(seed)
     off = complex(chance.uniform(-spread, spread), chance.uniform(-spread, spread))
     leader = mission.robots[mission.leader].start.position
@@ -97,7 +97,7 @@ def touching(world: World) -> frozenset[frozenset[str]]:
 
 
 class Watched(World):
-    """A physics world that remembers who touched whom, and how near two bodies came."""
+    """A physics world that records which bodies touched, and how near two came."""
 
     def __init__(self, mission: Mission, seed: int = 0) -> None:
         super().__init__(mission, seed)

@@ -126,7 +126,7 @@ class RecordedFleet(Fleet):
 
 
 def all_alike(verdicts: dict[str, Verdict]) -> bool:
-    """Whether every command of everybody was computed again to the last bit."""
+    """Whether every command of all robots was computed again to the last bit."""
     return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())
 
 

@@ -79,7 +79,7 @@ def late(by: float) -> Callable[[Sample], Iterable[Sample]]:
 
 
 def watch(fleet: Fleet, seconds: float) -> Quiet:
-    """Drive for so long; who held because its motion seemed wrong."""
+    """Drive for so long; the robots that held because their motion seemed wrong."""
     holds: dict[str, str] = {}
     end = fleet.now + seconds
     while fleet.now < end:

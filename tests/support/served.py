@@ -20,7 +20,7 @@ from tests.support.child import PATIENCE
 from tests.support.needs import path_of
 
 NO_SNAPSHOT = cast("Snapshot", None)
-"""A scene has none: nobody asks here for metrics by name."""
+"""A scene has none: no test asks for metrics by name."""
 FLAGS = (
     "--no-sandbox",
     "--disable-gpu",

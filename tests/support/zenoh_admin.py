@@ -1,4 +1,4 @@
-"""Looks into running processes through the admin space: what they subscribe to, whom they are linked with.
+"""Looks into running processes through the admin space: their subscriptions and links.
 
 The admin space of a session with the identifier ZID, of the kind KIND (peer, router or client), answers
 
@@ -84,7 +84,7 @@ def _looking_at(endpoint: str, timeout: float) -> Iterator[tuple[zenoh.Session, 
                     yield session, str(zids[0]), kind
                     return
             if time.monotonic() > deadline:
-                raise TimeoutError(f"nobody listens on {endpoint}")
+                raise TimeoutError(f"no process listens on {endpoint}")
             time.sleep(0.005)
 
 
@@ -105,7 +105,7 @@ def _peer(session: zenoh.Session, zid: str, kind: str, timeout: float) -> Peer:
 
 
 def _about(session: zenoh.Session, root: str, timeout: float) -> Any:
-    """What a session says of itself. A link is there a moment before it is known who answers over it."""
+    """What a session says of itself. A link is there a moment before its answering process is known."""
     deadline = time.monotonic() + timeout
     while not (answers := _ask(session, root, timeout)):
         if time.monotonic() > deadline:

@@ -53,6 +53,26 @@ def test_docstrings_and_messages_name_robots_and_processes() -> None:
     assert riddles == []
 
 
+def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and text of every string that stands alone."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str() as text)):
+                yield node.lineno, text
+
+
+def test_docstrings_of_tests_name_robots_and_processes() -> None:
+    riddles = [
+        f"{path}:{line}: {found[0]}"
+        for folder in ("unit", "processes", "field", "support")
+        for path, tree in sources(f"tests/{folder}")
+        for line, text in docstrings(tree)
+        for found in RIDDLES.finditer(text)
+        if found[0].lower() != "whose"
+    ]
+    assert riddles == []
+
+
 def identifiers(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Line and name of every variable, attribute, argument, function and class."""
     for node in ast.walk(tree):

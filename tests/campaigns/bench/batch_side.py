@@ -132,7 +132,7 @@ def formation() -> None:
 def irsim() -> None:
     """ir-sim's side: differential-drive robots that drive circles, as told at every step.
 
-    Of what ir-sim offers this costs least: no figure, no sensor, nobody in anybody's way, and no behaviour,
+    Of what ir-sim offers this costs least: no figure, no sensor, no robot in another's way, and no behaviour,
     for with one every robot lists all others at each step. The commands are one row for all robots from the
     first on, because robots that are named are looked for.
     """

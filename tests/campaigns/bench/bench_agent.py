@@ -188,7 +188,7 @@ INSIDE = {
 
 @contextmanager
 def surrounded(scene: Scene) -> Iterator[Bus]:
-    """The neighbours and the monitor, alive; the bus of the robots, who are their own router."""
+    """The neighbours and the monitor, alive; the bus of the robots, which are their own router."""
     others = subprocess.Popen(scene.surroundings(), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
     try:
         assert others.stdout is not None

@@ -181,7 +181,7 @@ PATIENCE = 120.0
 
 
 class Side(NamedTuple):
-    """Who is measured, and with how many robots."""
+    """The programs that are measured, and with how many robots."""
 
     name: str
     side: str
@@ -264,7 +264,7 @@ def _long(found: dict[str, Any], cache: Path, left_out: dict[str, str]) -> dict[
 
 
 def _turns(sides: Sequence[Side], number: int) -> Iterator[tuple[Side, int]]:
-    """Every side at every size, size by size; nobody is first in every round."""
+    """Every side at every size, size by size; none is first in every round."""
     for size in sorted({size for side in sides for size in side.sizes}):
         there = [side for side in sides if size in side.sizes]
         begin = number % len(there)

@@ -107,10 +107,10 @@ def section(found: dict[str, Any]) -> str:
     return f"""{how}
 ![Latency and formation error against the number of robots, of both architectures](figures/{CURVES})
 
-{table("robots × who drives them", rows, DRIVEN)}
+{table("robots × driver", rows, DRIVEN)}
 What the controllers cost, in percent of one core:
 
-{table("robots × who drives them", rows, COSTS)}"""
+{table("robots × driver", rows, COSTS)}"""
 
 
 if __name__ == "__main__":

@@ -199,7 +199,7 @@ CHAINS: dict[str, tuple[Contender, Options]] = {
 def chains(effort: Effort) -> Any:
     """Each robot's distance from its slot, RMS over the last third [m], by hops from the leader.
 
-    Nobody hears those behind, so one chain of fifty is every shorter chain as well.
+    No robot receives those behind, so one chain of fifty is every shorter chain as well.
     """
     mission, found = trials.circling_chain(effort.chain), {}
     for name, (contender, options) in CHAINS.items():

@@ -1,4 +1,4 @@
-"""What one monitor bears: a hundred robots whose every message is recorded, while somebody looks at the page.
+"""What one monitor bears: a hundred robots whose every message is recorded, while the page is open.
 
 python -m tests.campaigns.bench.bench_monitor [--rounds N] [--quick] [--json]
 
@@ -66,7 +66,7 @@ class Process(Running):
 
 @dataclass
 class Look:
-    """Somebody who has the page open: counts what its stream brings."""
+    """A viewer of the page: counts what its stream brings."""
 
     address: str
     frames: list[float] = field(default_factory=list)
@@ -91,7 +91,7 @@ class Look:
 
 
 def plans(rate: float, links: int, *, waits: bool) -> list[dict[str, Any]]:
-    """Who speaks where: every link has as many robots as the others."""
+    """Robots by link: every link has as many as the others."""
     everybody = list(enumerate(names(ROBOTS)))
     linked = [everybody[i :: SPEAKERS * links] for i in range(SPEAKERS * links)]
     return [

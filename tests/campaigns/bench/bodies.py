@@ -38,7 +38,7 @@ from tests.campaigns.figures import tail
 PATIENCE, MORE = 60.0, 3.0
 """For everybody to be on the way, and so much more for each robot [s]."""
 SPARE = 1.0
-"""Between ``settled`` and what counts: who looks at processes meanwhile disturbs them [s]."""
+"""Between ``settled`` and what counts: looking at processes meanwhile disturbs them [s]."""
 
 
 class Robot:
@@ -107,7 +107,7 @@ class Bodies:
 
     @property
     def waiting(self) -> list[str]:
-        """Who has not been told to move yet."""
+        """Robots that have not been ordered to move yet."""
         return [name for name, robot in self.robots.items() if not robot.moved]
 
     def speak(self) -> None:

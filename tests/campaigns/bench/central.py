@@ -4,8 +4,8 @@ python -m tests.campaigns.bench.central PLAN
 
 It is a peer of the agents, for comparison only: the same observers, tracks and law from the same code, put
 together for a whole fleet in one process. What agents tell each other over the network it has in its own
-memory, one track of each robot for all who measure it, and it commands a robot as soon as its odometry is
-there. It has none of an agent's failsafe table but the last line: who has nobody to follow stands still.
+memory, one track of each robot for all that measure it, and it commands a robot as soon as its odometry is
+there. It has none of an agent's failsafe table but the last line: a robot with none to follow stands still.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Driven:
     """One robot, as the node knows it."""
 
     def __init__(self, mission: Mission, name: str, tracks: dict[str, Neighbour]) -> None:
-        """`tracks` has everybody's, shared by all who measure them."""
+        """`tracks` has those of all, shared by all that measure them."""
         law = mission.law.controller
         self._commander = Commander(mission, name)
         self._here, self._slots = Localisation(mission, name, law), Slots(mission, name)

@@ -1,7 +1,7 @@
 """The scene that the edge is measured in: a follower and its two neighbours on a straight line.
 
-``python -m tests.campaigns.bench.edge PLAN`` plays everybody whom an agent has links with besides its robot:
-the two neighbours, who send, and one monitor who listens.
+``python -m tests.campaigns.bench.edge PLAN`` plays all that an agent has links with besides its robot:
+the two neighbours, which send, and one monitor, which listens.
 """
 
 from __future__ import annotations

@@ -27,16 +27,14 @@ LEADER = "leader"
 APART = 1.0
 """Between neighbours in a row, and between rows [m]."""
 SPEED, RADIUS = 0.2, 2.0
-"""The leader's, on a circle: on a straight line nobody would be off, however late [m/s; m]."""
+"""The leader's, on a circle: on a straight line no robot would be off, however late [m/s; m]."""
 OFFSET = 0.2
 """Control-point offset of every follower [m]."""
 
 
 def mission(followers: int, rate: float) -> str:
     """The file of a mission of so many followers, everybody at `rate` [Hz]; all start in their slots."""
-    wide = max(
-        2, round(math.sqrt(followers))
-    )  # about as many as there are rows: nobody is far from the leader
+    wide = max(2, round(math.sqrt(followers)))  # about as many as there are rows: none is far from the leader
     places = [divmod(number, wide) for number in range(followers)]
     slots = [APART * complex(-1 - row, column - 0.5 * (wide - 1)) for row, column in places]
     lines = ['name = "block"', f'leader = "{LEADER}"', "[robot]", f"control_point_offset = {OFFSET}"]
@@ -67,7 +65,7 @@ QUICK = {"settle": 2.0, "seconds": 4.0}
 """Times of the short form [s]."""
 QUIET = ("--log-level", "error", "--parent", str(os.getpid()))
 AT_ONCE = 4
-"""So many of those who drive may be starting at a time."""
+"""Number of drivers that may be starting at a time."""
 Architecture = Literal["agents", "central"]
 
 
@@ -140,7 +138,7 @@ class Fleet:
             )
 
     def _drivers(self, start: Callable[[list[str]], Running]) -> dict[str, psutil.Popen]:
-        """Start whoever drives, a few at a time: who starves gives up its links, and makes them anew."""
+        """Start all drivers, a few at a time: one without CPU gives up its links, and makes them anew."""
         running: dict[str, Running] = {}
         for name, argv in self._argv().items():
             running[name] = start(argv)

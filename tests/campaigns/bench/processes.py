@@ -17,7 +17,7 @@ from typing import IO, Any, NamedTuple, Self
 import psutil
 
 LISTING = ("ss", "-tniOHp", "state", "established")
-"""What lists TCP connections, who has them, and what went over them, each in one line."""
+"""What lists TCP connections, their processes, and what went over them, each in one line."""
 
 
 class Link(NamedTuple):

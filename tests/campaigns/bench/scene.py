@@ -89,7 +89,7 @@ class Subject:
 
     @property
     def has_ended(self) -> bool:
-        """Whether its process is gone though nobody ended it."""
+        """Whether its process is gone though it was not ended."""
         return self.process is not None and self.process.poll() is not None
 
     def has_moved(self) -> bool:
@@ -128,7 +128,7 @@ class Robots:
         self._rate = Rate(rate * len(subjects))
 
     def drive(self, until: Callable[[], object], limit: float = PATIENCE) -> None:
-        """Send odometry to those who were started, until the condition holds.
+        """Send odometry to those that were started, until the condition holds.
 
         Raises RuntimeError if that takes longer than `limit` [s], or if a subject ends.
         """
@@ -155,7 +155,7 @@ class Robots:
     def race(self, seconds: float) -> dict[str, float]:
         """Have each subject in turn answer as fast as it goes, `seconds` in all; how many answers a second.
 
-        Nobody is asked while it is another's turn, which the agent takes for silence: what it says before it
+        None is asked while it is another's turn, which the agent takes for silence: what it says before it
         is in formation control again does not count.
         """
         raced = dict.fromkeys((subject.name for subject in self._subjects), 0.0)
@@ -219,7 +219,7 @@ class Scene:
         return [sys.executable, "-m", "tests.campaigns.bench.edge", plan]
 
     def subjects(self, number: int) -> list[Subject]:
-        """Agent, copy and echo; who starts first depends on the number of the round."""
+        """Agent, copy and echo; which starts first depends on the number of the round."""
         argv = {"agent": self.agent, "copy": self.copy, "echo": self.echo}
         every = [Subject(name, robot, argv[name]()) for name, robot in ROBOTS.items()]
         return every[number % 3 :] + every[: number % 3]

@@ -165,6 +165,6 @@ def _limited(seconds: float) -> Iterator[None]:
 
 
 def quiet(main: Callable[[list[str]], int], arguments: list[str]) -> int:
-    """The exit code of a command, whose output nobody reads."""
+    """The exit code of a command; its output is not read."""
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         return main(arguments)

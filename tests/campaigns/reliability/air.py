@@ -26,7 +26,7 @@ SIOCETHTOOL, SET_TX_SUMS, SET_SEGMENTS = 0x8946, 0x17, 0x1F  # of linux/sockios.
 
 
 class Air:
-    """Ports, who is behind each, and frames on their way."""
+    """Ports, the process behind each, and frames on their way."""
 
     def __init__(self, ports: list[socket.socket], delay: float) -> None:
         self.delay = delay
@@ -51,7 +51,7 @@ class Air:
                 self._way.append((time.monotonic() + self.delay, port, frame))
 
     def give(self) -> None:
-        """Give what is due to whom it is for; to all others, if that is unknown."""
+        """Deliver what is due to its receiver; to all others, if that is unknown."""
         now = time.monotonic()
         while self._way and self._way[0][0] <= now:
             _, origin, frame = self._way.popleft()

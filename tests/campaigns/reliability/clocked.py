@@ -1,6 +1,6 @@
 """A process of the project on a computer whose system clock can be set: ``clocked FILE MODULE ARGUMENTS``.
 
-A network namespace shares the machine's clock, which nobody may step. So here the process alone is told
+A network namespace shares the machine's clock, which must not be stepped. So here the process alone is told
 another time: later by as many seconds as FILE says, 0 if there is none. It is looked at on every call.
 """
 

@@ -82,7 +82,7 @@ def _row() -> Row:
 
 
 def _alone(fleet: Fleet, victim: str, times: Times) -> Judgement:
-    """Somebody takes its place, and nobody leads beside anybody in the recording."""
+    """Another takes its place, and no two lead at once in the recording."""
     found = replaced(fleet, victim, times)
     rivals = judge.rivals(recorded_leads(fleet.recording, fleet.mission))
     both = [f"in the recording {a} and {b} led at once" for a, b in rivals]

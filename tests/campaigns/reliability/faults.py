@@ -1,4 +1,4 @@
-"""The fault matrix: what is done to whom, how it is undone, and what must come of it there and then.
+"""The fault matrix: what is done to which process, how it is undone, and what must follow.
 
 What must come of every one of them stands in `tests.campaigns.reliability.trial`: no command over a limit, no
 jump, one leader, the error back.
@@ -46,7 +46,7 @@ def rows(mission: Mission) -> tuple[Row, ...]:
 
 
 def roles(mission: Mission) -> tuple[str, str, str]:
-    """A follower that measures the leader, one in the middle of a chain, one that nobody measures."""
+    """A follower that measures the leader, one in the middle of a chain, one that no robot measures."""
     measured = {other for name in mission.followers for other in mission.robots[name].neighbours}
     first = next(name for name in mission.followers if mission.leader in mission.robots[name].neighbours)
     inner = [name for name in mission.followers if mission.leader not in mission.robots[name].neighbours]
@@ -77,7 +77,7 @@ def _row(kind: str, role: str, title: str, victim: Callable[[Fleet], str]) -> Ro
         begin, end, words = _mute, _unmute, "{}'s link to the robot cut, mended"
     special = {
         ("kill", "monitor"): trial.recorded,
-        ("unplug", "watchdog"): trial.anything,  # what it said to nobody arrives when it is mended: zero
+        ("unplug", "watchdog"): trial.anything,  # what it sent meanwhile arrives when it is mended: zero
     }
     usual = {"leader": trial.replaced, "monitor": trial.unmoved, "watchdog": trial.unmoved}
     judged = special.get((kind, role), usual.get(role, trial.stands))

@@ -253,7 +253,7 @@ class Fleet:
         switch.start(*module(air), f"{seconds}", *ports).event("ready")
 
     def lost(self) -> Sequence[str]:
-        """Processes that have ended though nobody asked them to."""
+        """Processes that have ended though no test asked them to."""
         return [name for name, one in self.running.items() if one.ended]
 
     def save(self, folder: Path) -> None:

@@ -123,7 +123,7 @@ class LeaderTerm(NamedTuple):
 
 
 def leader_terms(leads: Sequence[Led]) -> list[LeaderTerm]:
-    """Who led when: one for each publisher id and term, in the order of time."""
+    """Terms of leaders: one for each publisher id and term, in the order of time."""
     found: dict[tuple[str, int], LeaderTerm] = {}
     for one in leads:
         key = (one.publisher_id, one.term)
@@ -138,7 +138,7 @@ def rivals(leads: Sequence[Led]) -> list[tuple[LeaderTerm, LeaderTerm]]:
 
 
 def taken_over(leads: Sequence[Led], since: float) -> float | None:
-    """How long after `since` somebody led who had not before [s]; None if nobody did."""
+    """How long after `since` a process led that had not before [s]; None if none did."""
     former = {(one.publisher_id, one.term) for one in leads if one.at < since}
     new = [one.at for one in leads if one.at >= since and (one.publisher_id, one.term) not in former]
     return min(new) - since if new else None

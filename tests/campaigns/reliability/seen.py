@@ -122,7 +122,7 @@ class Seen:
     def errors(self, times: Floats) -> Floats:
         """Formation error at each of `times`: over all edges, in the shape in force then [m].
 
-        A leader who says nothing is where he was last.
+        A silent leader is where it was last.
         """
         points, slots = self._points(times)
         total = np.zeros(len(times))

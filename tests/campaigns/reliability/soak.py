@@ -1,4 +1,4 @@
-"""Half an hour of faults on a fleet of twelve robots in bad air: nothing leaks, nobody is left standing."""
+"""Half an hour of faults on a fleet of twelve robots in bad air: nothing leaks, no robot is left standing."""
 
 from __future__ import annotations
 

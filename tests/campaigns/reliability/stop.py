@@ -1,4 +1,4 @@
-"""An operator's stop to twenty robots: who acknowledges, how fast, and who stands."""
+"""An operator's stop to twenty robots: which acknowledge, how fast, and which stand."""
 
 from __future__ import annotations
 

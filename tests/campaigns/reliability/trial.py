@@ -56,12 +56,12 @@ def stands(fleet: Fleet, victim: str, times: Times) -> Judgement:
         if name not in holding and not judge.went_on(commands, *times):
             wrong.append(f"{name} did not go on without {robot}")
         if name in holding and judge.stood(commands, *times) is None:
-            wrong.append(f"{name} did not hold, though nobody is left whom it follows")
+            wrong.append(f"{name} did not hold, though none is left that it follows")
     return Judgement({} if after is None else {"stands": after}, wrong)
 
 
 def holders(mission: Mission, lost: Iterable[str]) -> set[str]:
-    """Who has nobody left to follow when these are lost."""
+    """Robots that have none left to follow when these are lost."""
     gone, before = set(lost), set[str]()
     while gone != before:
         before = gone
@@ -78,7 +78,7 @@ def replaced(fleet: Fleet, _victim: str, times: Times) -> Judgement:
         return Judgement({}, [f"{name} did not hold without a leader" for name in late])
     found = judge.taken_over(window(fleet.seen.leads, times.begin - 5.0), times.begin)
     if found is None or times.begin + found > times.end + mission.takeover:
-        return Judgement({}, ["nobody took the leader's place"])
+        return Judgement({}, ["no process took the leader's place"])
     wrong = [] if found <= mission.takeover + SLACK else [f"a standby led after {found:.2f} s only"]
     return Judgement({"takes over": found}, wrong)
 

@@ -1,4 +1,4 @@
-"""Robots whose ways to their slots cross: do bodies touch, does everybody come into formation, how late?"""
+"""Robots whose ways to their slots cross: do bodies touch, do all come into formation, how late?"""
 
 from __future__ import annotations
 

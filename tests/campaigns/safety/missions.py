@@ -25,7 +25,7 @@ def made(shape: str, robots: int, profile: str, *, avoid: bool = True) -> Missio
 
 
 def faults(mission: Mission, by_chance: Result) -> Iterator[str]:
-    """What is wrong with it: what `check` says, who holds after a loss, starts that go wrong.
+    """What is wrong with it: what `check` says, which robots hold after a loss, starts that go wrong.
 
     `by_chance` is what became of random ones.
     """

@@ -30,7 +30,7 @@ def bar(words: str, found: str, held: bool) -> dict[str, Any]:
 
 
 def reported(name: str, tries: Sequence[T]) -> Iterator[T]:
-    """The same one by one, and who waits is told how far it is."""
+    """The same one by one, with progress."""
     tell = reporting(name)
     for done, one in enumerate(tries):
         yield one

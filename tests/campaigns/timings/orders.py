@@ -124,7 +124,7 @@ class Console:
             assert not runs or agent.latch.mode is not None, f"{name} was set going at {self.fleet.now:.2f} s"
 
     def put(self, key: str, payload: bytes, timeout: float) -> OpenQuestion:
-        """On the way to everybody whom `key` addresses."""
+        """On the way to all that `key` addresses."""
         requested = OpenQuestion()
         self.received.append(payload)
         for name in self._addressed(key):
@@ -198,7 +198,7 @@ def states(fleet: Fleet) -> set[AgentState]:
 
 
 def ends_well(console: Console) -> None:
-    """All links are back: whoever is stopped is released, nobody moves before ``run``, and then all do."""
+    """All links are back: what is stopped is released, no robot moves before ``run``, and then all do."""
     fleet = console.fleet
     fleet.heal()
     console.away, console.slowest = set(), 0.02
@@ -217,7 +217,7 @@ def ends_well(console: Console) -> None:
 
 
 def hold_survives_a_cut_leader(draw: random.Random) -> None:
-    """The leader is cut off around a hold, and the deputy takes its place: nobody is set going."""
+    """The leader is cut off around a hold, and the deputy takes its place: no robot is set going."""
     console = driving(draw)
     fleet, others = console.fleet, [name for name in PARTIES if name != LEADER]
     cut = draw.uniform(-1.2, 1.2)
