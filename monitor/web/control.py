@@ -72,10 +72,13 @@ class Given:
     """Its result."""
 
     def same_as(self, request: OperatorRequest) -> bool:
-        """Return whether `request` asks for the same. Each stop is a new one, as repeats do no harm."""
+        """Return whether `request` asks for the same.
+
+        Each stop or hold is a new one: it may be given again because a robot moves, and does no harm.
+        """
         one_time = {"id": "", "age": 0.0}
         mine, other = (one.model_copy(update=one_time) for one in (self.request, request))
-        return request.do != "stop" and mine == other
+        return request.do not in RESTS and mine == other
 
 
 class Precedence:

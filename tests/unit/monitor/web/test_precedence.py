@@ -52,7 +52,7 @@ def is_sent(one: Given) -> bool:
     return one.going and not one.over
 
 
-@pytest.mark.parametrize("do", ["hold", *STARTING])
+@pytest.mark.parametrize("do", STARTING)
 def test_double_click_gives_one_order(do: str) -> None:
     orders = Precedence()
     first, new = orders.give(request(do), 0.0)
@@ -85,11 +85,12 @@ def test_changed_value_is_new_request_repetition_is_not(do: str, name: str, valu
         assert orders.give(again, 0.1 * number + 0.05) == (given, False)
 
 
-def test_every_repeated_stop_is_given() -> None:
+@pytest.mark.parametrize("rest", sorted(RESTS))
+def test_every_repeated_stop_or_hold_is_given(rest: str) -> None:
     orders = Precedence()
-    stops = [orders.give(request("stop"), 0.1 * number, click="same") for number in range(5)]
-    assert all(new for _, new in stops)
-    assert not any(one.over for one, _ in stops)
+    rests = [orders.give(request(rest), 0.1 * number, click="same") for number in range(5)]
+    assert all(new for _, new in rests)
+    assert not rests[-1][0].over
 
 
 def test_repeated_click_takes_effect_once() -> None:
