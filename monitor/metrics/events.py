@@ -81,7 +81,7 @@ class _Robot:
         self._joined, self._gone_since = False, 0.0
         self._missing_since = math.inf  # since when others are there, and not this one [s, monotonic]
         self._absence_reported = False
-        self._presence, self._state, self._publishers = Turns("lost"), Turns(), Turns("one publisher")
+        self._presence, self._state, self._publishers = Turns("lost"), Turns(), Turns("one process")
         self._availability, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
         self._stuck, self._deadlocks, self._relays = Turns("moves"), Turns("0"), Turns("true")
         self._avoiding, self._avoided = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
@@ -97,9 +97,9 @@ class _Robot:
         yield from self._obstacles(now, robot)
         yield from self._sight(now, robot)
         contested = self.name in snapshot.contested
-        publishers = "a second publisher" if contested else "one publisher"
+        publishers = "two processes" if contested else "one process"
         if (more := self._publishers.report(publishers, now.mono)) is not None:
-            text = f"its neighbours receive messages of {publishers}{more}"
+            text = f"its positions come from {publishers}{more}"
             yield Event(now.wall, ERROR if contested else INFO, self.name, "contested", text)
         forges = self.name in snapshot.forgers
         if (more := self._relays.report("forged" if forges else "true", now.mono)) is not None:

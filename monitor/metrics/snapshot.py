@@ -158,7 +158,7 @@ class Snapshot:
     rejected: Mapping[str, int]
     """Rejected messages, by ``key: reason``."""
     contested: frozenset[str] = frozenset()
-    """Robots with a second publisher, by their neighbours' statuses."""
+    """Robots with a second publisher, by their neighbours' statuses or their own positions."""
     forgers: frozenset[str] = frozenset()
     """Robots that lately relayed forged orders, by other robots' statuses."""
     wish: Wish | None = None

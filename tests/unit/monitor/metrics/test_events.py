@@ -257,9 +257,9 @@ def test_second_publisher_is_an_error_event_until_gone() -> None:
     doubled = [status("robot4", 12.0 + i / 2, "run", "fine", contested=("robot2",)) for i in range(8)]
     (event,) = of(one.drive(15.0, *doubled), "contested")
     assert (event.robot, event.level) == ("robot2", 40)
-    assert event.text == "its neighbours receive messages of a second publisher"
+    assert event.text == "its positions come from two processes"
     (after,) = of(one.drive(19.0, status("robot4", 16.0, "run", "fine")), "contested")
-    assert (after.level, after.text) == (20, "its neighbours receive messages of one publisher")
+    assert (after.level, after.text) == (20, "its positions come from one process")
 
 
 def test_noted_events_keep_order_and_are_published() -> None:
