@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("agent", "deploy", "formation", "leader", "monitor")
 RIDDLES = re.compile(r"\b(who|whom|whose|whoever|nobody|somebody|anybody|everybody)\b", re.IGNORECASE)
@@ -61,6 +63,7 @@ def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
                 yield node.lineno, text
 
 
+@pytest.mark.slow
 def test_docstrings_of_tests_name_robots_and_processes() -> None:
     riddles = [
         f"{path}:{line}: {found[0]}"

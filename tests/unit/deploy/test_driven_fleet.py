@@ -84,6 +84,7 @@ def test_leader_stays_with_dead_robot_in_its_place(rehearsed_fleet: MakeRehearse
     assert abs(fleet._fleet.leading.plan.where() - fleet.position("robot1")) < bound.error
 
 
+@pytest.mark.slow
 def test_agent_without_state_joins_driven_fleet_with_measured_heading(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet(with_keys(read("six_robots")[0], localisation="odometry"), strict=False)
     fleet.drive(0.15, 0.3, seconds=7.0)

@@ -83,6 +83,7 @@ def test_robot_stands_while_cut_off_or_frozen(rehearsed_fleet: MakeRehearsed) ->
     fleet.run_until_settled()
 
 
+@pytest.mark.slow
 def test_same_calls_give_the_same_run(rehearsed_fleet: MakeRehearsed) -> None:
     def run(seed: int) -> list[complex]:
         fleet = rehearsed_fleet("turtlebot3_pair", seed=seed, loss=0.05, delay=0.02)

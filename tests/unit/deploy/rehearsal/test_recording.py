@@ -69,6 +69,7 @@ def test_same_seed_gives_same_run_and_same_recording_bytes(
     assert rehearse(ALL, seed) == verdict, "recording changes the run"
 
 
+@pytest.mark.slow
 def test_recorded_commands_recompute_exactly_with_wrong_clocks(tmp_path: Path) -> None:
     path = tmp_path / "clocks.mcap"
     mission = parse_mission(MUTUAL, "mutual")
