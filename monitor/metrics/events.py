@@ -91,7 +91,9 @@ class _Robot:
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         robot = snapshot.robots[self.name]
-        yield from self._there(now, robot, snapshot)
+        if not self._joined:
+            yield from self._absent(now, snapshot)
+        yield from self._there(now, robot)
         yield from self._doing(now, robot)
         yield from self._following(now, robot)
         yield from self._obstacles(now, robot)
@@ -117,9 +119,7 @@ class _Robot:
             text = f"no position received yet, {START_TIME:g} s after the first of another robot"
             yield Event(now.wall, WARNING, self.name, "absent", text)
 
-    def _there(self, now: Now, robot: RobotMetrics, snapshot: Snapshot) -> Iterator[Event]:
-        if not self._joined:
-            yield from self._absent(now, snapshot)
+    def _there(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         lost = robot.age is None or robot.age > self._limit
         if lost and robot.age is not None and self._presence.state != "lost":
             self._gone_since = now.mono - robot.age
