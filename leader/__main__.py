@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     part = "leader" if name == mission.leader else name
     args.config = args.config or configuration_of(args.mission, part)
     links = wiring.of_member(mission, name, wiring.endpoints(mission))
-    called = f"leader {name}"
+    called = "leader" if name == "leader" else f"leader {name}"
     config = flags.bus_config(args, mission, links, called)
     signer, verifier = signer_of(config, mission, name) or (None, None)
     terms = _terms(args.state, name)

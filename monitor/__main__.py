@@ -67,17 +67,18 @@ _log = logging.getLogger(__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Watch until told to stop; return the exit code."""
+    """Watch until told to stop; return the exit code: 1 if the recording lacks messages."""
     args = _flags().parse_args(argv)
     return run_process(NAME, args, lambda stop: _watch(args, stop))
 
 
-def _watch(args: argparse.Namespace, stop: Stop) -> None:
+def _watch(args: argparse.Namespace, stop: Stop) -> bool:
+    """Whether all that was received is recorded, where it was to be."""
     text, source = read(args.mission)
     mission = parse(text, source)
     if args.foxglove_layout is not None:
         _write_layout(args.foxglove_layout, mission)
-        return
+        return True
     args.config = args.config or configuration_of(args.mission, "monitor")
     if args.control:
         args.control_config = args.control_config or configuration_of(args.mission, OPERATOR)
@@ -122,7 +123,14 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         gc.freeze()  # objects made so far are not scanned again
         for pause in one.run(stop, snapshots=args.snapshots):
             time.sleep(pause)
-    say("summary", **one.summary())
+    return _recorded_all(one)
+
+
+def _recorded_all(ended: Watch) -> bool:
+    say("summary", **ended.summary())
+    if ended.unrecorded:
+        _log.error("the recording lacks messages: %s", ended.unrecorded)
+    return not ended.unrecorded
 
 
 def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Sequence[Watched]) -> Recorder:

@@ -170,6 +170,15 @@ class Watch:
             "converged": snapshot.converged,
         }
 
+    @property
+    def unrecorded(self) -> str:
+        """Why the recording, if there is one, lacks messages that arrived; empty if it has all."""
+        if self._recorder is None:
+            return ""
+        numbers = {"lost by the disk": self._recorder.lost, "too many to take": self._bus.overflowed}
+        found = [f"{number} {why}" for why, number in numbers.items() if number]
+        return ", ".join(filter(None, [self._recorder.failure, *found]))
+
     def _pump(self, now: Now) -> int:
         inbox = self._bus.drain()
         self._publish(self._monitor.watch_clock(now), now)

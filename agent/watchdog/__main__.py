@@ -11,7 +11,7 @@ from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import park, watch
 from formation.mission.file import load
 from formation.transport.runtime import flags
-from formation.transport.runtime.process import FAILED, Process, Stop, follower_of, run_process
+from formation.transport.runtime.process import Process, Stop, follower_of, run_process
 
 EXAMPLES = """\
   formation watchdog pair.toml --robot robot2                on the robot, beside its agent, all the time
@@ -41,9 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     flags.add_robot_connect(parser)
     args = parser.parse_args(arguments)
-    received = []
-    code = run_process(f"watchdog {args.robot}", args, lambda stop: received.append(_run(args, stop)))
-    return code if code or all(received) else FAILED
+    return run_process(f"watchdog {args.robot}", args, lambda stop: _run(args, stop))
 
 
 def _run(args: argparse.Namespace, stop: Stop) -> bool:

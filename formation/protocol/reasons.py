@@ -129,7 +129,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.STOP_UNKNOWN: "{detail}; it may have saved a stop: release the robot if it may drive",
         Code.NO_ORDER: "no order from the leader yet",
         Code.ORDER_UNSIGNED: "{detail}",
-        Code.LEADER_LOST: "the leader's beat stopped {age:.1f} s ago; limit {limit:g} s",
+        Code.LEADER_LOST: "the leader's newest order is {age:.1f} s old; limit {limit:g} s",
         Code.STOPPED_BY_LEADER: "stopped by the leader",
         Code.HELD_BY_LEADER: "held by the leader",
         Code.COMMAND_NOT_FINITE: "the law gave no finite command",

@@ -90,7 +90,7 @@ class Following:
         followed, reason = agent.orders.newest, agent.decision.reason.code
         silence = self._fleet.engine.now - self._received.orders[process].rose
         if followed is not None and silence > followed.timeout + self._slack and reason in NOT_LOST:
-            self._tell("follow", name, f"{reason} though its leader's beat stopped {silence:.1f} s ago")
+            self._tell("follow", name, f"{reason} though its leader's newest order is {silence:.1f} s old")
 
     def _check_order(self, name: str, agent: Agent, process: VirtualProcess) -> None:
         followed, before = agent.orders.newest, self._followed.get(process)

@@ -251,22 +251,23 @@ def clocks() -> Now:
     return Now(monotonic(), min(max(time.time(), 0.0), LAST_STAMP))
 
 
-def run_process(name: str, args: argparse.Namespace, main: Callable[[Stop], None]) -> int:
+def run_process(name: str, args: argparse.Namespace, main: Callable[[Stop], bool | None]) -> int:
     """Call ``main(stop)``; return the exit code. `name` is its name in the log, such as ``robot2``.
 
-    Bad input is one line on stderr, any other failure is logged with its traceback.
+    `main` returns False if it failed and has logged why. Bad input is one line on stderr, any other failure
+    is logged with its traceback.
     """
     log_to_stderr(name, args.log_level)
     try:
         with Stop(args.parent) as stop:
-            main(stop)
+            well = main(stop) is not False
     except (MissionError, BusError, BadInput) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return BAD_INPUT
     except Exception:  # noqa: BLE001 - the outermost frame: a failure becomes a log entry and an exit code
         _log.exception("failed")
         return FAILED
-    return WELL
+    return WELL if well else FAILED
 
 
 def one_of(flag: str, value: str, legal: Iterable[str]) -> str:

@@ -190,8 +190,9 @@ def test_other_failure_is_logged_and_exits_1(caplog: pytest.LogCaptureFixture) -
     assert "somewhere deep" in caplog.text
 
 
-def test_successful_process_exits_0() -> None:
-    assert run_process("robot2", flags(), lambda _stop: None) == 0
+@pytest.mark.parametrize(("result", "code"), [(None, 0), (True, 0), (False, 1)])
+def test_process_exits_1_if_its_main_function_failed(result: bool | None, code: int) -> None:
+    assert run_process("robot2", flags(), lambda _stop: result) == code
 
 
 def test_say_prints_one_json_object_per_line(capsys: pytest.CaptureFixture[str]) -> None:

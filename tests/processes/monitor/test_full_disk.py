@@ -44,7 +44,7 @@ def test_monitor_reports_full_disk_and_resumes_recording() -> None:
                 player.join()
             child.signal(signal.SIGTERM)
             summary = snapshot_until(child, lambda one: one["event"] == "summary")
-            assert child.wait() == 0
+            assert child.wait() == 1
             happened = [decode(LogEntry, one.payload) for one in actor.bus.drain()]
         assert [Path(one).name for one in summary["recording_parts"]] == ["run.mcap", "run-2.mcap"]
         assert summary["recording_failure"] is None

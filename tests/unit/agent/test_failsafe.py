@@ -64,7 +64,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
     ({"sight_doubt": SEARCHING}, "its range scans do not show robot2 yet: 3 of 5 scans"),
     ({"relative_doubt": LATE}, "robot3 was 1.00 s old when it came"),
     ({"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}}, UNANSWERED),
-    ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, "beat stopped 1.2 s ago"),
+    ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, "order is 1.2 s old"),
     ({"order": RUN.model_copy(update={"mode": "hold"})}, "held by the leader"),
     ({"beat_silence": 1.1, "unsigned": UNSIGNED}, UNSIGNED),
     ({"followed": 0, "neighbours": GONE}, f"{NONE}; silent: robot1 0.40 s"),
