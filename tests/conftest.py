@@ -4,8 +4,8 @@
     pytest --all            every test: slow ones, all processes, hypothesis with all its examples
     pytest tests/field      everything in a folder or a file that is named
 
-Tests of real processes run one after another; unit tests run beside them, file by file, on the other cores.
-One of them that fails while the machine stood still is run again, and the summary names it.
+Tests of real processes run folder by folder beside unit tests, as they wait most of the time. One of them
+that fails while the machine stood still is run again, and the summary names it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from _pytest.runner import runtestprotocol
 from hypothesis import settings
 from xdist.remote import Producer
 from xdist.scheduler.loadscope import LoadScopeScheduling
+from xdist.workermanage import WorkerController
 
 from tests.support.needs import MARKS, missing
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 WITH_PROCESSES = ("tests/processes/", "tests/field/")
 """Folders of tests that start processes, open sockets or wait for the wall clock."""
+WAITING_WORKERS = 2
+"""With --all, workers besides one for each core: for tests with processes."""
 MAX_RUNS_IN_STALLS = 3
 """How often a test with processes is run that fails each time while the machine stands still."""
 STALLED = "stalled"
@@ -87,19 +90,27 @@ class StallWatch:
 
 
 class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
-    """Hand out unit tests file by file, to one worker those that compile, and to one those with processes."""
+    """Hand out unit tests file by file, to one worker those that compile; those with processes by folder.
 
-    def schedule(self) -> None:
-        """Have the tests with processes, which wait most of the time, run beside others instead of last."""
-        super().schedule()
-        if "processes" in self.workqueue:
-            self.workqueue.move_to_end("processes", last=False)
+    The last workers begin with tests with processes, which wait most of the time.
+    """
+
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        waiting = self._number_of(node) >= self.numnodes - max(1, self.numnodes - _cores())
+        fitting = (scope for scope in self.workqueue if _has_processes(f"{scope}/") == waiting)
+        if (scope := next(fitting, None)) is not None:
+            self.workqueue.move_to_end(scope, last=False)
+        super()._assign_work_unit(node)
 
     def _split_scope(self, nodeid: str) -> str:
-        if _has_processes(nodeid):
-            return "processes"
         path = nodeid.partition("::")[0]
+        if _has_processes(nodeid):
+            return path.rpartition("/")[0]
         return "simulations" if _compiles(path) else path
+
+    @staticmethod
+    def _number_of(node: WorkerController) -> int:
+        return int(node.gateway.id.removeprefix("gw"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -119,7 +130,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Return the number of worker processes: none where files are named, for output and debuggers."""
     if any(argument.partition("::")[0].endswith(".py") for argument in config.args):
         return 0
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    only_units = all(Path(argument).is_relative_to("tests/unit") for argument in config.args)
+    return _cores() + (WAITING_WORKERS if config.getoption("--all") and not only_units else 0)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
@@ -181,6 +193,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             for name, text in report.user_properties:
                 if name == STALLED and report.when == "call":
                     terminalreporter.line(f"RUN AGAIN {report.nodeid}: {text}; then it {outcome}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache
