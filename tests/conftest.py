@@ -28,6 +28,7 @@ from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
 from tests.support.needs import MARKS, missing
+from tests.support.workers import WORKER, WORKERS, begins_with_processes, cores
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -36,6 +37,8 @@ WITH_PROCESSES = ("tests/processes/", "tests/field/")
 """Folders of tests that start processes, open sockets or wait for the wall clock."""
 WAITING_WORKERS = 2
 """With --all, workers besides one for each core: for tests with processes."""
+UNIT_NICENESS = 10
+"""How much the other workers then give way: slowness fails no unit test."""
 MAX_RUNS_IN_STALLS = 3
 """How often a test with processes is run that fails each time while the machine stands still."""
 STALLED = "stalled"
@@ -96,8 +99,9 @@ class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
     """
 
     def _assign_work_unit(self, node: WorkerController) -> None:
-        waiting = self._number_of(node) >= self.numnodes - max(1, self.numnodes - _cores())
-        fitting = (scope for scope in self.workqueue if _has_processes(f"{scope}/") == waiting)
+        number = int(node.gateway.id.removeprefix("gw"))
+        wanted = begins_with_processes(number, self.numnodes)
+        fitting = (scope for scope in self.workqueue if _has_processes(f"{scope}/") == wanted)
         if (scope := next(fitting, None)) is not None:
             self.workqueue.move_to_end(scope, last=False)
         super()._assign_work_unit(node)
@@ -108,10 +112,6 @@ class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
             return path.rpartition("/")[0]
         return "simulations" if _compiles(path) else path
 
-    @staticmethod
-    def _number_of(node: WorkerController) -> int:
-        return int(node.gateway.id.removeprefix("gw"))
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add --all."""
@@ -121,7 +121,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Choose how many examples hypothesis tries, unless the command line did."""
+    """Choose how many examples hypothesis tries, unless the command line did, and which workers go first."""
+    if cores() < WORKERS and not begins_with_processes(WORKER, WORKERS):
+        os.nice(UNIT_NICENESS)
     if not config.getoption("--hypothesis-profile"):
         settings.load_profile("thorough" if config.getoption("--all") else "quick")
 
@@ -131,7 +133,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     if any(argument.partition("::")[0].endswith(".py") for argument in config.args):
         return 0
     only_units = all(Path(argument).is_relative_to("tests/unit") for argument in config.args)
-    return _cores() + (WAITING_WORKERS if config.getoption("--all") and not only_units else 0)
+    return cores() + (WAITING_WORKERS if config.getoption("--all") and not only_units else 0)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
@@ -193,10 +195,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             for name, text in report.user_properties:
                 if name == STALLED and report.when == "call":
                     terminalreporter.line(f"RUN AGAIN {report.nodeid}: {text}; then it {outcome}")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache

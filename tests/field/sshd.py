@@ -18,7 +18,7 @@ from tests.support.child import PATIENCE, free_endpoint
 from tests.support.needs import path_of
 
 SEPARATION = Path("/run/sshd")
-"""Empty folder that a server started by root needs for privilege separation."""
+"""Empty folder that a server started by root needs for privilege separation; kept, as others may use it."""
 
 
 class Server(NamedTuple):
@@ -53,9 +53,8 @@ def sshd(folder: Path, *lines: str) -> Iterator[Server]:
         *lines,
     ]
     config.write_text("\n".join(settings) + "\n", encoding="utf-8")
-    made = os.geteuid() == 0 and not SEPARATION.exists()
-    if made:
-        SEPARATION.mkdir(mode=0o755)
+    if os.geteuid() == 0:
+        SEPARATION.mkdir(mode=0o755, exist_ok=True)
     with (folder / "sshd.log").open("wb") as log:  # sshd starts only by its full path
         server = subprocess.Popen([path_of("sshd"), "-D", "-e", "-f", str(config)], stderr=log)
     try:
@@ -64,9 +63,6 @@ def sshd(folder: Path, *lines: str) -> Iterator[Server]:
     finally:
         server.terminate()
         server.wait(PATIENCE)
-        if made:
-            with suppress(OSError):
-                SEPARATION.rmdir()
 
 
 def _options(folder: Path, port: int) -> Iterator[str]:

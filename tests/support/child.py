@@ -16,13 +16,11 @@ from contextlib import contextmanager, suppress
 from itertools import cycle
 from typing import Any
 
+from tests.support.workers import WORKER, WORKERS
+
 PATIENCE = 30.0
 """How long a test waits for what takes a fraction of a second on an idle machine [s]."""
-_WORKER, _WORKERS = (
-    int(os.environ.get(f"PYTEST_XDIST_WORKER{name}", usual).removeprefix("gw"))
-    for name, usual in (("", "0"), ("_COUNT", "1"))
-)
-_PORTS = cycle(random.SystemRandom().sample(ports := range(20_000 + _WORKER, 32_000, _WORKERS), len(ports)))
+_PORTS = cycle(random.SystemRandom().sample(ports := range(20_000 + WORKER, 32_000, WORKERS), len(ports)))
 """None is given twice, so that what is asked for together differs, though no process listens there yet.
 
 They are below the ports that systems give on request, in another order in each run. Each worker of xdist has

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,21 +23,22 @@ def team(tmp_path: Path) -> Iterator[Team]:
 
 
 def test_standby_answers_orders_after_leader_is_killed(team: Team) -> None:
-    given = team.order("run")  # answered once a process leads
-    assert (given.code, given.report["leader"]) == (0, LEADER), given.words
+    given = team.order("run")  # answered once a process leads: on a busy machine that may be the standby
+    first = given.report["leader"]
+    (second,) = {LEADER, "spare"} - {first}
     given = team.order("stop")
-    assert (given.code, given.report["leader"]) == (0, LEADER), given.words
-    assert {one["robot"] for one in given.report["acknowledged"]} == {LEADER, *ROBOTS}
-    assert given.report["standby"] in ([], ["spare"])  # the standby has 0.1 s to answer
+    assert (given.code, given.report["leader"]) == (0, first), given.words
+    assert {one["robot"] for one in given.report["acknowledged"]} == {first, *ROBOTS}
+    assert given.report["standby"] in ([], [second])  # the standby has 0.1 s to answer
 
-    team.children[LEADER].signal(signal.SIGKILL)
+    team.children[first].signal(signal.SIGKILL)
     given = team.order("stop")  # repeated until the standby leads
-    assert (given.code, given.report["leader"], given.report["missing"]) == (0, "spare", []), given.words
-    assert {one["robot"] for one in given.report["acknowledged"]} == {"spare", *ROBOTS}
-    assert "leader      no answer; spare leads" in given.words
+    assert (given.code, given.report["leader"], given.report["missing"]) == (0, second, []), given.words
+    assert {one["robot"] for one in given.report["acknowledged"]} == {second, *ROBOTS}
+    assert re.search(rf"{first} +no answer; {second} leads", given.words)
 
     refused = team.order("run")
-    assert {one["robot"] for one in refused.report["refused"]} == {"spare", *ROBOTS}  # all robots are stopped
+    assert {one["robot"] for one in refused.report["refused"]} == {second, *ROBOTS}  # all robots are stopped
     for words in ("release", "hold", "rotate 30", "run"):
         given = team.order(*words.split())
-        assert (given.code, given.report["leader"]) == (0, "spare"), given.words
+        assert (given.code, given.report["leader"]) == (0, second), given.words
