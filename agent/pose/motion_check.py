@@ -4,8 +4,8 @@ Net displacement counts, not path length: a sensor that trembles around one plac
 the commanded and the measured motion since the sensor last showed motion. It is compared for several delays
 between command and sensor, and no possible delay may explain the difference:
 
-    FROZEN    commanded more than `Tolerance.net_min`, seen less than MIN_MOTION_SHARE of it; or commanded
-              more than `still_min`, and every position so far within `still`
+    FROZEN    commanded more than `Tolerance.net_min`, seen less than MIN_MOTION_SHARE of it, now or at the
+              farthest; or commanded more than `still_min`, and every position so far within `still`
     TURN      the same for the heading, where the sensor measures one; also if it turns the other way
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
@@ -128,6 +128,10 @@ class LegState:
     """Path of the model, half the longest delay before."""
     farthest: float = 0.0
     """Largest size of `seen`."""
+    least: float = 0.0
+    """Commanded net motion, with the delay that makes it least."""
+    excursions: list[float] = field(default_factory=lambda: [0.0] * DELAY_COUNT)
+    """Largest commanded net motion so far, by delay."""
     began: float = float("-inf")
     """[s, monotonic]"""
 
@@ -143,7 +147,8 @@ class Leg:
     def begin(self, moment: float, models: Sequence[complex], path_before: float) -> None:
         """Start afresh."""
         state = self.state
-        state.seen, state.farthest, state.began = 0j, 0.0, moment
+        state.seen, state.farthest, state.least, state.began = 0j, 0.0, 0.0, moment
+        state.excursions = [0.0] * DELAY_COUNT
         state.origins, state.path_before = list(models), path_before
 
     def memory(self, model: complex, heading: complex, path: float) -> LegMemory:
@@ -173,10 +178,9 @@ class Leg:
         ]
         state.path_before = path + remaining * (state.path_before - path)
         state.farthest = max(state.farthest, abs(state.seen))
-
-    def least(self, models: Sequence[complex]) -> float:
-        """Commanded net motion, with the delay that makes it least."""
-        return min(abs(now - was) for now, was in zip(models, self.state.origins, strict=True))
+        commanded = [abs(now - was) for now, was in zip(models, state.origins, strict=True)]
+        state.least = min(commanded)
+        state.excursions = list(map(max, state.excursions, commanded))
 
     def judge(
         self,
@@ -191,13 +195,17 @@ class Leg:
         `kinds` name too little and too much motion.
         """
         state = self.state
-        limits, seen, least = self._tolerance, abs(state.seen), self.least(models)
+        limits, seen, least = self._tolerance, abs(state.seen), state.least
         over = min(moment - state.began, FORGETTING_TIME)  # what was before has faded
         if least > limits.still_min:
             error = slack()
             still = least > limits.still_min + error and state.farthest < limits.still
             if still or (least > limits.net_min + error and seen < MIN_MOTION_SHARE * least):
                 return Disagreement(kinds[0], least, seen, over)
+        # a robot that went there and back has been away, whatever the delay
+        away = min(state.excursions)
+        if state.farthest < MIN_MOTION_SHARE * away and away > limits.net_min + slack():
+            return Disagreement(kinds[0], away, state.farthest, over)
         most = path - state.path_before
         if seen > MAX_MOTION_RATIO * most + limits.carried:
             return Disagreement(kinds[1], most, seen, over)
@@ -215,7 +223,7 @@ class Leg:
     def shows_motion(self, models: Sequence[complex], path: float) -> bool:
         """Whether enough motion is seen to end the leg: some, and no more than was commanded."""
         seen = abs(self.state.seen)
-        enough = seen > self._tolerance.moved and seen > MIN_MOTION_SHARE * self.least(models)
+        enough = seen > self._tolerance.moved and seen > MIN_MOTION_SHARE * self.state.least
         most = MAX_MOTION_RATIO * (path - self.state.path_before) + self._tolerance.moved
         return enough and seen <= most and not self._against(models)
 

@@ -18,8 +18,11 @@ BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
 
 Not ``restamped``: without stamps only a changing speed shows a delay, so a robot may drive on until then.
 """
-GRACE_PATH, GRACE_TIME = 0.01, 1.0
-"""So far [m] such a robot drives before it can notice, and so long after that [s] its path does not count."""
+GRACE_DISTANCE, GRACE_TIME = 0.035, 1.0
+"""So far [m] such a robot is away before it can notice, and so long after that [s] its path does not count.
+
+The distance is `still_min` of the motion check: one that creeps in its slot is noticed once it leaves.
+"""
 MAX_BLIND_PATH = 0.1
 """Path of such a robot that breaks the rule [m]."""
 
@@ -35,9 +38,9 @@ class Blind:
     at: complex | None = None
     """Its true position at the newest check [m]."""
     counts_from: float = math.inf
-    """`GRACE_TIME` after it has driven `GRACE_PATH` since then [s]."""
-    before: float = 0.0
-    """Its true path until `counts_from` [m]."""
+    """`GRACE_TIME` after it was `GRACE_DISTANCE` away from there [s]."""
+    origin: complex | None = None
+    """Its true position at the first check [m]."""
     path: float = 0.0
     """Its true path from `counts_from` on [m]."""
 
@@ -50,8 +53,8 @@ class Blind:
         if now > self.counts_from:
             self.path += step
             return self.path >= MAX_BLIND_PATH
-        self.before += step
-        if self.before > GRACE_PATH:
+        self.origin = here if self.origin is None else self.origin
+        if abs(here - self.origin) > GRACE_DISTANCE:
             self.counts_from = min(self.counts_from, now + GRACE_TIME)
         return False
 

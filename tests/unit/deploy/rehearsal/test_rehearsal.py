@@ -26,7 +26,7 @@ from tests.support.examples import slow
 from tests.unit.deploy.commands import Capsys
 
 SIX, PATROL, PAIR = load("six_robots"), load("patrol"), load("turtlebot3_pair")
-MEASURED, POSTS = load(MISSIONS / "measured.toml"), load("posts")
+MEASURED, POSTS, CONVOY = load(MISSIONS / "measured.toml"), load("posts"), load("convoy")
 LOSSY: dict[str, Any] = {"weather": Weather(loss=0.1)}
 WITH_SENSOR = {
     "restart": (PAIR, "robot1"),
@@ -141,6 +141,15 @@ def test_rest_that_arrives_after_newer_run_ends_with_second_run(texts: tuple[str
         (POSTS, 2000396, {}, "robot3:carried=0.24@20.5+3.7"),
         # a run and a hold within two milliseconds
         (PATROL, 1000251, {}, "robot3:hold@18+6.9 reserve:waver@24.6+5.2"),
+        # turned back as its position froze
+        (CONVOY, 4500027, {}, "robot4:carried=0.155@11.3+6.7 robot2:tremble=0.00063@23.9+5.6"),
+        # in its slot, a centimetre there and back
+        (
+            CONVOY,
+            4000148,
+            {"weather": Weather(delay=0.05)},
+            "robot1:loss=0.167@3.4+8.7 robot1:waver@8+3.7 robot2:torn@8.5+9.4 robot4:stutter=0.396@19.5+6.3",
+        ),
     ],
 )
 def test_seeds_that_broke_a_rule_hold_every_rule(
