@@ -8,7 +8,8 @@ come back to the robot that made it.
 The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans, and nowhere else.
 It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
 the error may be `MAX_RECKONING_ERROR`; others do not use it meanwhile. If for `MAX_REFUSED_TIME` neighbours
-are not where they say, it is no longer locked.
+are not where they say, it is no longer locked; also if, in `MAX_DISAGREED_SCANS` scans, as many are not where
+they say as are.
 """
 
 from __future__ import annotations
@@ -49,6 +50,9 @@ LONE_WEIGHT = 0.1
 """Weight of a scan that shows one of several neighbours: it does not tell the heading."""
 MAX_REFUSED_TIME = 2.0
 """Time for which neighbours may not be where they say [s]."""
+MAX_DISAGREED_SCANS = 25
+"""Scans in a row in which as many neighbours are not where they say as are, from which on the robot is no
+longer locked: another robot or a post may stand where the seen one should be."""
 MIN_MISSED_BEAMS = 12.0
 """Beams in a row that did not come back from a neighbour's place, from which on it is not there: of 10 % lost
 beams that are too many."""
@@ -128,6 +132,8 @@ class PerceptionState:
     locked: bool = False
     agreed: float = 0.0
     """Scans that showed neighbours where they say, since one did not; with one of several they count less."""
+    disagreed: int = 0
+    """Scans in which as many neighbours were not where they say as were; the others count against it."""
     seen_at: float = -math.inf
     """When a neighbour was seen last [s, monotonic]."""
     path: float = 0.0
@@ -307,27 +313,30 @@ class Perception:
         self._judge(now.mono)
 
     def _refuse_missing(self) -> None:
-        """Take neighbours for absent of which too many beams are missing, unless another one is seen."""
-        mates = self.state.mates.values()
-        if not any(mate.outcome is Outcome.SEEN for mate in mates):
-            for mate in mates:
-                if mate.outcome is Outcome.MISSING and mate.missed >= MIN_MISSED_BEAMS:
-                    mate.outcome = Outcome.ABSENT
+        """Take neighbours for absent of which too many beams are missing."""
+        for mate in self.state.mates.values():
+            if mate.outcome is Outcome.MISSING and mate.missed >= MIN_MISSED_BEAMS:
+                mate.outcome = Outcome.ABSENT
 
     def _judge(self, moment: float) -> None:
         """Decide whether the robot is locked, after a scan at `moment` [s, monotonic]."""
         state = self.state
         outcomes = [mate.outcome for mate in state.mates.values()]
-        seen, refused = outcomes.count(Outcome.SEEN), Outcome.ABSENT in outcomes
+        seen, absent = outcomes.count(Outcome.SEEN), outcomes.count(Outcome.ABSENT)
+        refused = absent > 0
         weight = 1.0 if seen >= min(2, len(outcomes)) else LONE_WEIGHT
         if seen and not refused:
             state.agreed = min(state.agreed + weight, LOCK_SCANS)
         elif refused or moment - state.seen_at > MIN_RECKONING_TIME:
             state.agreed = 0.0
+        if refused and absent >= seen:
+            state.disagreed = min(state.disagreed + 1, MAX_DISAGREED_SCANS)
+        elif seen:
+            state.disagreed = max(0, state.disagreed - 1) if weight < 1.0 else 0
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
             placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
-            state.locked = state.locked or placed
+            state.locked = placed or (state.locked and state.disagreed < MAX_DISAGREED_SCANS)
         elif refused:
             state.refused_since = min(state.refused_since, moment)
             state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME

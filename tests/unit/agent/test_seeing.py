@@ -130,6 +130,25 @@ def test_robot_that_changed_places_with_neighbour_holds() -> None:
     assert_contradicted(fleet, "robot3")
 
 
+def test_robot_that_takes_neighbour_for_another_holds() -> None:
+    """It sees robot2 where robot3 should be, and nothing where robot2 should be."""
+    fleet = driving_triangle()
+    carry(fleet, "robot7", 1.0 + 0.0j)
+    fleet.run(7.0)
+    assert holds(fleet, "robot7", Code.SIGHT_CONTRADICTED)
+    assert "do not show robot2 where" in fleet.message("robot7")
+    assert fleet.driven("robot7", 15.0) < 0.02
+    assert not fleet.agents["robot7"].perception.placed(fleet.moment)  # type: ignore[union-attr]
+
+
+def test_robot_does_not_lock_while_neighbour_is_missing() -> None:
+    fleet = triangle(STANDS)
+    carry(fleet, "robot7", 1.0 + 0.0j)
+    fleet.run(20.0)
+    assert holds(fleet, "robot7", Code.SIGHT_CONTRADICTED)
+    assert fleet.plant("robot7").path < 0.02
+
+
 def test_robot_with_blocked_view_continues_by_odometry() -> None:
     fleet = triangle(STANDS).after(6.0)
     ranging = fleet.world._hosted["robot7"].ranging
