@@ -27,7 +27,7 @@ from formation.agent.perception.pose_filter import PATH_DEVIATION, Estimate, Mea
 from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import Scanner
 from formation.control.plane import angle_between, rotation, unit
-from formation.control.tracker import believed_delay, carried_to
+from formation.control.tracker import MAX_DELAY, believed_delay, carried_to
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Sight
@@ -72,6 +72,8 @@ MAX_LOCKED_MISPLACEMENT = 0.1
 """The same from which on a robot is no longer locked [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
 """By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
+MAX_WAIT = MAX_DELAY
+"""Longest time for which a scan waits for the odometry of its time, while newer ones are left out [s]."""
 TRAIL_TIME = 3.0
 """Time for which the own motion is kept, longer than the age of any scan that is used [s]."""
 
@@ -128,7 +130,7 @@ class PerceptionState:
     trail: deque[Waypoint] = field(default_factory=deque)
     """Own motion by odometry, oldest first."""
     scanned: Scanned | None = None
-    """The newest scan, until it is used."""
+    """A scan whose odometry has not come yet."""
     locked: bool = False
     agreed: float = 0.0
     """Scans that showed neighbours where they say, since one did not; with one of several they count less."""
@@ -187,9 +189,12 @@ class Perception:
     def take_scan(self, scan: LaserScan, scanner: Scanner) -> None:
         """Keep a scan that `scanner` has just processed, until the odometry of its time has come.
 
-        One that is frozen, late or early, or not placed by believable speeds, is not used.
+        One that is frozen, late or early, or not placed by believable speeds, is not used; nor is one that
+        comes while another waits, as scans may come faster than odometry.
         """
-        times, doubt = scanner.state, scanner.doubt
+        times, doubt, waits = scanner.state, scanner.doubt, self.state.scanned
+        if waits is not None and times.ended - waits.ended <= MAX_WAIT:
+            return
         if doubt is None or doubt.code in LIMITED:
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan, self._noise), times.began, times.ended, against)

@@ -11,7 +11,7 @@ from formation.agent.perception.perception import MAX_RECKONING_TIME
 from formation.mission.file import MissionError, parse, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState, Sight
-from tests.support.fleet import Fleet
+from tests.support.fleet import Fleet, Link
 from tests.support.missions import with_keys
 from tests.support.seeing import (
     STRAIGHT,
@@ -196,6 +196,14 @@ def test_posts_of_tower_size_do_not_mislead_pose() -> None:
     fleet = triangle(STANDS, tables=posts).after(6.0)
     assert max(believed_error(one) for one in fleet.every(0.5, 10.0)) < 0.03
     assert fleet.status("robot7").sight is Sight.LOCKED
+
+
+def test_robot_with_late_odometry_and_fast_scanner_locks() -> None:
+    fleet = triangle(STANDS, scan="rate = 10")
+    fleet.sensors["robot7"] = Link(0.0, (0.15, 0.15))
+    fleet.run(8.0)
+    assert fleet.status("robot7").sight is Sight.LOCKED
+    assert believed_error(fleet) < 0.03
 
 
 def test_landmarks_are_followers_measured_by_scan() -> None:
