@@ -130,7 +130,7 @@ class PerceptionState:
     trail: deque[Waypoint] = field(default_factory=deque)
     """Own motion by odometry, oldest first."""
     scanned: Scanned | None = None
-    """A scan whose odometry has not come yet."""
+    """A scan that waits for the odometry of its time."""
     locked: bool = False
     agreed: float = 0.0
     """Scans that showed neighbours where they say, since one did not; with one of several they count less."""
@@ -190,12 +190,13 @@ class Perception:
         """Keep a scan that `scanner` has just processed, until the odometry of its time has come.
 
         One that is frozen, late or early, or not placed by believable speeds, is not used; nor is one that
-        comes while another waits, as scans may come faster than odometry.
+        repeats an earlier one bit for bit, also while the robot stands; nor one that comes while another
+        waits, as scans may come faster than odometry.
         """
         times, doubt, waits = scanner.state, scanner.doubt, self.state.scanned
         if waits is not None and times.ended - waits.ended <= MAX_WAIT:
             return
-        if doubt is None or doubt.code in LIMITED:
+        if (doubt is None or doubt.code in LIMITED) and not scanner.repeats(scan):
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan, self._noise), times.began, times.ended, against)
 

@@ -232,12 +232,17 @@ class Scanner:
         """Whether there is a scan of the present."""
         return self.stream.fresh(now) and self.state.frozen is None
 
+    def repeats(self, scan: LaserScan) -> bool:
+        """Whether a processed scan is one of the newest again, bit for bit: no new measurement."""
+        digest = _digest(scan)
+        return any(one.digest == digest and one.beams >= MIN_EQUAL_BEAMS for one in self.state.repeated)
+
     def _compare(self, scan: LaserScan, hits: int, before: float) -> None:
         """Compare a scan with those before, of which the newest ended at `before` [s, monotonic].
 
         While the robot moves no two scans are equal, unless they hit nothing.
         """
-        state, digest = self.state, blake2b(array("d", scan.ranges), digest_size=8).hexdigest()
+        state, digest = self.state, _digest(scan)
         motion = *self._went(before, state.ended), self._motion(before, state.ended).turn
         each, state.frozen = [one.moved(*motion) for one in state.repeated], None
         number = next((number for number, one in enumerate(each) if one.digest == digest), None)
@@ -381,3 +386,7 @@ class Scanner:
     def _during(self, begin: float, end: float) -> list[tuple[float, Command]]:
         """Speeds and their durations [s]; before the first known one, zero."""
         return list(spans(self.state.moves, begin, end))[::-1]
+
+
+def _digest(scan: LaserScan) -> str:
+    return blake2b(array("d", scan.ranges), digest_size=8).hexdigest()

@@ -189,7 +189,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
         " clear the view, or put the robot on its start pose and restart its agent",
         Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"
-        " be off by {distance:.3f} m, limit {most:.3f} m; clear the view",
+        " be off by {distance:.3f} m, limit {most:.3f} m; clear the view, and check that the"
+        " scanner sends new scans",
         Code.MOTION_FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in"
         " {duration:.1f} s, moved {seen:.2f} m; " + _BLOCKED,
         Code.MOTION_TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in"

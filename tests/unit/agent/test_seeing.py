@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,9 @@ from formation.agent.perception.perception import MAX_RECKONING_TIME
 from formation.mission.file import MissionError, parse, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState, Sight
+from formation.ros2.messages import LaserScan, decode, encode
+from formation.topics import SCAN
+from formation.wire import Sample
 from tests.support.fleet import Fleet, Link
 from tests.support.missions import with_keys
 from tests.support.seeing import (
@@ -204,6 +208,36 @@ def test_robot_with_late_odometry_and_fast_scanner_locks() -> None:
     fleet.run(8.0)
     assert fleet.status("robot7").sight is Sight.LOCKED
     assert believed_error(fleet) < 0.03
+
+
+def repeat_newest_scan(fleet: Fleet, robot: str) -> None:
+    """From now on the scanner of a robot sends its next scan again and again, with new stamps."""
+    sent: list[LaserScan] = []
+
+    def repeated(sample: Sample) -> list[Sample]:
+        if sample.key != SCAN.key(robot):
+            return [sample]
+        scan = decode(LaserScan, sample.payload)
+        sent.append(scan)
+        return [sample._replace(payload=encode(replace(sent[0], stamp=scan.stamp)))]
+
+    fleet.meddle = repeated
+
+
+def test_repeated_scan_is_no_sight_while_robot_stands() -> None:
+    fleet = driving_triangle()
+    fleet.ask("led", "hold")
+    fleet.run(3.0)
+    repeat_newest_scan(fleet, "robot7")
+    fleet.run(1.0)
+    carry(fleet, "robot7", 0.4 + 0.5j)
+    fleet.run(3.0)
+    assert fleet.status("robot7").sight is Sight.RECKONING
+    fleet.run(MAX_RECKONING_TIME)
+    fleet.ask("led", "run")
+    fleet.run(1.0)
+    assert holds(fleet, "robot7", Code.SIGHT_LOST)
+    assert "check that the scanner sends new scans" in fleet.message("robot7")
 
 
 def test_landmarks_are_followers_measured_by_scan() -> None:
