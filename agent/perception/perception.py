@@ -118,6 +118,8 @@ class MateState:
     """Standard deviation of its place relative to this robot, by the newest scan [m]."""
     missed: float = 0.0
     """Beams in a row that should have met it, and did not come back."""
+    placed: bool = True
+    """Whether it publishes a position that can be relied on."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -212,10 +214,13 @@ class Perception:
         state = self.state
         if state.estimate is None or not state.trail:
             return
+        bodies = [one for one in others if one.name in self._specs and _is_placed(one, now)]
+        names = [one.name for one in bodies]
+        for name, mate in state.mates.items():
+            mate.placed = name in names
         if state.scanned is not None and state.trail[-1].moment >= state.scanned.ended:
             scanned, state.scanned = state.scanned, None
             if scanned.began >= state.trail[0].moment:
-                bodies = [one for one in others if one.name in self._specs and _is_placed(one, now)]
                 self._use(scanned, bodies, now)
         here.align(state.estimate.position, state.estimate.heading)
         turn = abs(angle_between(here.state.measured, state.estimate.heading))
@@ -252,6 +257,7 @@ class Perception:
     def doubt(self, now: Now) -> Reason | None:
         """Why the pose cannot be relied on; None if it can."""
         state = self.state
+        unplaced = [name for name, one in state.mates.items() if not one.placed]
         if not state.locked:
             absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
             if not absent and state.refused_since < math.inf:
@@ -261,7 +267,13 @@ class Perception:
             if state.agreed >= LOCK_SCANS:
                 off, most = state.misplacement, MAX_MISPLACEMENT
                 return Reason.of(Code.SIGHT_PLACING, distance=off, limit=most)
-            return Reason.of(Code.SIGHT_SEARCHING, robots=self.mates, count=state.agreed, limit=LOCK_SCANS)
+            return Reason.of(
+                Code.SIGHT_SEARCHING,
+                robots=self.mates,
+                count=state.agreed,
+                limit=LOCK_SCANS,
+                unplaced=unplaced,
+            )
         age, error = now.mono - state.seen_at, self.reckoning_error
         if age > MAX_RECKONING_TIME or (age > MIN_RECKONING_TIME and error > MAX_RECKONING_ERROR):
             return Reason.of(
@@ -271,6 +283,7 @@ class Perception:
                 limit=MAX_RECKONING_TIME,
                 distance=error,
                 most=MAX_RECKONING_ERROR,
+                unplaced=unplaced,
             )
         return None
 

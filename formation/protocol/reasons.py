@@ -183,14 +183,16 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
         Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f}"
-        " scans; clear the view, or put the robot on its start pose and restart its agent",
+        " scans; no position to rely on from {unplaced:names}, see to them first; clear the view, or put the"
+        " robot back in its place, its start pose if it has not driven; check that the scanner sends new"
+        " scans",
         Code.SIGHT_PLACING: "its position is {distance:.3f} m from where its range scans show it, limit"
         " {limit:.3f} m; goes on when that is corrected",
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
-        " clear the view, or put the robot on its start pose and restart its agent",
+        " clear the view, or put the robot back in its place, its start pose if it has not driven",
         Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"
-        " be off by {distance:.3f} m, limit {most:.3f} m; clear the view, and check that the"
-        " scanner sends new scans",
+        " be off by {distance:.3f} m, limit {most:.3f} m; no position to rely on from {unplaced:names}, see"
+        " to them first; clear the view, and check that the scanner sends new scans",
         Code.MOTION_FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in"
         " {duration:.1f} s, moved {seen:.2f} m; " + _BLOCKED,
         Code.MOTION_TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in"

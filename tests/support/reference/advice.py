@@ -73,7 +73,8 @@ ADVICE: Mapping[Code, str] = {
     Code.SIGHT_SEARCHING: "Clear the view between the robots; compare `seen`, `scan` and start poses with"
     " the robots. It goes on by itself when it is locked.",
     Code.SIGHT_PLACING: "Nothing; it goes on by itself. Was the robot on its start pose?",
-    Code.SIGHT_CONTRADICTED: "Put the robot on its start pose and restart its agent; or clear the view.",
+    Code.SIGHT_CONTRADICTED: "Put the robot back in its place, its start pose if it has not driven; or"
+    " clear the view. It goes on by itself when it is locked.",
     Code.SIGHT_LOST: "Clear the view between the robots. It goes on when it sees one of them.",
     Code.MOTION_FROZEN: SENSORS,
     Code.MOTION_TURN: SENSORS,

@@ -126,6 +126,16 @@ def test_robot_carried_far_in_open_hall_holds() -> None:
     assert_contradicted(fleet, "robot7")
 
 
+def test_carried_robot_that_is_put_back_goes_on() -> None:
+    fleet = driving_triangle()
+    carry(fleet, "robot7", -1.0j)
+    fleet.run(4.0)
+    assert "put the robot back in its place" in fleet.message("robot7")
+    carry(fleet, "robot7", 1.0j)
+    fleet.run(8.0)
+    assert fleet.agents["robot7"].decision.state is AgentState.RUN
+
+
 def test_robot_that_changed_places_with_neighbour_holds() -> None:
     fleet = driving_triangle()
     way = fleet.plant("robot3").position - fleet.plant("robot2").position
@@ -238,6 +248,15 @@ def test_repeated_scan_is_no_sight_while_robot_stands() -> None:
     fleet.run(1.0)
     assert holds(fleet, "robot7", Code.SIGHT_LOST)
     assert "check that the scanner sends new scans" in fleet.message("robot7")
+
+
+def test_message_names_neighbours_without_position() -> None:
+    fleet = triangle()
+    blind(fleet, "robot3")
+    blind(fleet, "robot7")
+    fleet.run(4.0)
+    assert "no position to rely on from robot3, see to them first" in fleet.message("robot7")
+    assert "no position" not in fleet.message("robot3")
 
 
 def test_landmarks_are_followers_measured_by_scan() -> None:
