@@ -235,9 +235,13 @@ class Perception:
         return Sight.RECKONING if reckons else Sight.LOCKED
 
     def placed(self, now: Now) -> bool:
-        """Whether its position is a landmark for others: it can be relied on, and no longer moves there."""
+        """Whether its position is a landmark for others: it can be relied on, and no longer moves there.
+
+        Not while scans show no neighbour where it says, though the robot is locked until that lasts.
+        """
         seen = self.doubt(now) is None and self.sight(now) is Sight.LOCKED
-        return seen and self.state.misplacement < MAX_MISPLACEMENT
+        refused = self.state.refused_since < math.inf
+        return seen and not refused and self.state.misplacement < MAX_MISPLACEMENT
 
     def ages(self, now: Now) -> dict[str, float]:
         """Time since each neighbour was seen last [s], of those that have been seen."""

@@ -184,6 +184,14 @@ def test_robot_without_sight_soon_stops_being_landmark() -> None:
     assert fleet.agents["robot7"].neighbours.each["robot3"].state.searching
 
 
+def test_carried_robot_is_no_landmark_before_it_holds() -> None:
+    fleet = driving_triangle()
+    carry(fleet, "robot3", 0.3j)
+    fleet.run(0.8)
+    assert fleet.agents["robot3"].decision.state is AgentState.RUN
+    assert fleet.agents["robot7"].neighbours.each["robot3"].state.searching
+
+
 def test_slightly_displaced_robot_corrects_its_pose() -> None:
     fleet = driving_triangle()
     carry(fleet, "robot7", 0.03 + 0.05j)
