@@ -172,8 +172,8 @@ class Localisation:
 
     @property
     def correction(self) -> float:
-        """Distance by which `align` has moved the robot so far [m]."""
-        return abs(self._source.state.corrected) if isinstance(self._source, OdometrySource) else 0.0
+        """Distance of the robot's position from where odometry would be without `align` [m]."""
+        return self._source.correction if isinstance(self._source, OdometrySource) else 0.0
 
     def judge_age(self) -> None:
         """Decide whether the newest message is young enough; call this when all have been read."""

@@ -99,7 +99,9 @@ class OdometryState:
     last: Odometry | None = None
     """The newest message; None before the first."""
     corrected: complex = 0j
-    """Sum of the steps by which it was aligned [m; world frame]."""
+    """What `align` has made of the world's origin [m; world frame]."""
+    turned: complex = 1.0 + 0.0j
+    """By how much it has turned odometry's frame, unit."""
 
 
 class OdometrySource:
@@ -127,7 +129,7 @@ class OdometrySource:
     def place(self, rotation: complex, origin: complex) -> complex:
         """Place odometry's frame in the world at once [unit; m]; return the turn, unit complex."""
         turn, self.state.rotation = rotation / self.state.rotation, rotation
-        self.state.origin = origin
+        self.state.origin, self.state.corrected, self.state.turned = origin, 0j, 1.0 + 0.0j
         return turn
 
     def make_update(self, odometry: Odometry, over: float | None, limit: float) -> PoseUpdate:
@@ -158,6 +160,15 @@ class OdometrySource:
         state.realigned_after = jumped
         return PoseUpdate(*self._placed(odometry), travel, jumped, turned)
 
+    @property
+    def correction(self) -> float:
+        """Distance of the newest position from where odometry would be without `align` [m]."""
+        state = self.state
+        if state.last is None:
+            return 0.0
+        at, _ = self._placed(state.last)
+        return abs(at - (at - state.corrected) * state.turned.conjugate())
+
     def align(self, position: complex, heading: complex, elapsed: float) -> tuple[complex, complex]:
         """Move the placement towards a better pose of the newest message; return the step [m] and unit turn.
 
@@ -173,7 +184,8 @@ class OdometrySource:
         turn = rotation(clip(share * float(angle_between(facing, heading)), MAX_ALIGN_RATE * elapsed))
         state.rotation = unit(state.rotation * turn)
         state.origin = at + step - state.rotation * state.last.position
-        state.corrected += step
+        state.corrected = at + step + turn * (state.corrected - at)
+        state.turned = unit(state.turned * turn)
         return step, turn
 
     def unlike(self, odometry: Odometry, over: float) -> str | None:

@@ -211,7 +211,7 @@ class AgentStatus:
     sight_lost: Names = ()
     """Neighbours that have not been seen for 2 s, or never."""
     sight_correction: Real | None = None
-    """Distance by which scans have moved the robot's pose so far: odometry alone would be off by it [m]."""
+    """Distance of the robot's position from where odometry alone would be, without scans [m]."""
     localisation: Localised = Localised.ODOMETRY_WORLD
     realigned: Count = 0
     """Number of times that odometry was placed anew after a jump."""

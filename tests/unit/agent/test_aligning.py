@@ -46,6 +46,21 @@ def test_align_reaches_better_pose_within_speed_limits(off: complex, turn: float
     assert abs(cmath.phase(heading / facing)) < 1e-6
 
 
+def test_correction_is_distance_from_odometry_alone() -> None:
+    """Two sources read the same odometry, which restarts at zero on the way; only one is aligned."""
+    source, alone = OdometrySource(START, "robot3"), OdometrySource(START, "robot3")
+    assert source.correction == 0.0
+    for tick in range(200):
+        counted = 0.005 * (tick if tick < 120 else tick - 120)
+        message = Odometry(tick * PERIOD, complex(counted), 1.0 + 0.0j, 0.1, 0.0, frame="odom")
+        position, _ = pose(source, message)
+        expected, _ = pose(alone, message)
+        assert source.correction == pytest.approx(abs(position - expected), abs=1e-9)
+        source.align(position + 0.002j, cmath.rect(1.0, 0.3), PERIOD)
+    assert source.state.realigned == alone.state.realigned == 1
+    assert source.correction > 0.1
+
+
 def test_align_before_odometry_changes_nothing() -> None:
     source = OdometrySource(START, "robot3")
     before = source.state.origin, source.state.rotation
