@@ -93,6 +93,7 @@ fi
 whole() { [ -f "$1/VERSION.json" ] && [ -x "$1/venv/bin/python" ]; }
 current=$(readlink "$prefix/current" 2>/dev/null || true)
 current=${current##*/}
+unfinished=$prefix/.unfinished # there from the switch to a release until its units have been started
 units=/etc/systemd/system
 unit_is_new() { ! [ -f "$units/$1" ] || ! sed "s|@PREFIX@|$prefix|g" "$bundle/units/$1" | cmp -s - "$units/$1"; }
 new_units=
@@ -101,7 +102,9 @@ if [ "$systemd" = yes ]; then
         unit_is_new "${unit##*/}" && new_units="$new_units ${unit##*/}"
     done
 fi
-if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units" ]; then
+pending=
+if [ "$systemd" = yes ] && [ -e "$unfinished" ]; then pending=yes; fi
+if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units$pending" ]; then
     say "$robot runs release $release of $mission from $prefix already: nothing to do"
     exit 0
 fi
@@ -109,6 +112,7 @@ if [ "$dry" = yes ]; then
     whole "$home" || say "would install release $release into $home, with $python"
     [ "$current" = "$release" ] || say "would point $prefix/current at it (now ${current:-nothing})"
     [ -z "$new_units" ] || say "would install the units$new_units into $units"
+    [ -z "$pending" ] || say "would start the units: an earlier installation did not come to that"
     exit 0
 fi
 if [ "$systemd" = yes ]; then
@@ -181,6 +185,7 @@ point() { # a link that names its new target from one moment to the next
     ln -s "releases/$2" "$prefix/.$1.new"
     mv -T "$prefix/.$1.new" "$prefix/$1"
 }
+[ "$systemd" = no ] || : >"$unfinished"
 if [ "$current" != "$release" ]; then
     if [ -n "$current" ] && whole "$prefix/releases/$current"; then point previous "$current"; fi
     touch "$home"
@@ -209,13 +214,14 @@ if [ "$systemd" = yes ]; then
     if [ "$restart" = no ]; then
         say "running services were left alone; they change with: systemctl restart$names"
     elif [ "$role" = agent ] && [ -n "$bringup" ] && ! systemctl --quiet is-active "$bringup"; then
-        systemctl restart formation-watchdog.service
+        systemctl restart formation-watchdog.service || failed "installed, but not started; see: journalctl -u formation-watchdog"
         say "formation-agent starts with $bringup, which does not run now (samples are in $bundle/samples)"
     else
         # shellcheck disable=SC2086 # they are words
         systemctl restart $names || failed "installed, but not started; see: journalctl -u formation-$role"
         say "started:$names"
     fi
+    rm -f "$unfinished"
 fi
 
 # The three used last are kept, those that the links name among them.

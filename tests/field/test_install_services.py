@@ -31,8 +31,10 @@ class Host:
         self.call_log = folder / "asked"
         self.active = folder / "active"
         systemctl = tools / "systemctl"
+        self.broken = folder / "broken"
         systemctl.write_text(
-            f'#!/bin/sh\necho "$*" >>{self.call_log}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
+            f'#!/bin/sh\necho "$*" >>{self.call_log}\n'
+            f"case $* in *is-active*) test -e {self.active} ;; restart*) ! test -e {self.broken} ;; esac\n"
         )
         systemctl.chmod(0o755)
 
@@ -88,6 +90,25 @@ def test_units_are_installed_and_started_with_own_user(make_bundle: MakeBundle, 
     again = host.install(one)
     assert "nothing to do" in again.stdout
     assert host.calls == []
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_failed_start_is_repeated_by_next_install(
+    make_bundle: MakeBundle, host: Host, *, active: bool
+) -> None:
+    """The release is current by then, but what runs is the one before."""
+    if active:
+        host.active.touch()
+    host.broken.touch()
+    one = make_bundle()
+    done = host.install(one)
+    assert done.returncode == 1
+    assert "installed, but not started" in done.stderr
+    assert "would start the units" in host.install(one, "--dry-run").stdout
+    host.broken.unlink()
+    assert host.install(one).returncode == 0
+    assert host.calls[-1].startswith("restart formation-")
+    assert "nothing to do" in host.install(one).stdout
 
 
 def test_changed_unit_is_restored(make_bundle: MakeBundle, host: Host) -> None:
