@@ -57,6 +57,8 @@ for found in "$release" "$robot" "$platform" "$wanted"; do
     [ -n "$found" ] || refuse "$bundle/VERSION.json cannot be read: make the bundle again"
 done
 home=$prefix/releases/$release
+[ "$(sha256sum <"$bundle/mission.toml" | cut -c1-64)" = "$(fact mission_sha256)" ] ||
+    refuse "$bundle/mission.toml was changed after the bundles were made, for this robot only: make the bundles again"
 
 # Does it fit this machine?
 machine=$(uname -m)
@@ -91,11 +93,33 @@ fi
 
 # What is there already?
 whole() { [ -f "$1/VERSION.json" ] && [ -x "$1/venv/bin/python" ]; }
+configuration="mission.toml zenoh.json5 certificates/ca.pem certificates/certificate.pem certificates/key.pem"
+text() { # a file of the bundle as this robot gets it
+    case $1 in
+        zenoh.json5 | units/*) sed "s|@PREFIX@|$prefix|g" "$bundle/$1" ;;
+        *) cat "$bundle/$1" ;;
+    esac
+}
+put() { # a file into the release, in one step; keys are readable by their owner only, from the first byte on
+    rm -f "$home/$1.new"
+    case $1 in
+        certificates/*) (umask 077 && text "$1" >"$home/$1.new") ;;
+        *) text "$1" >"$home/$1.new" ;;
+    esac && mv "$home/$1.new" "$home/$1"
+}
+differing=
+if whole "$home"; then
+    for part in $configuration; do
+        # not every user of --dry-run may read keys
+        case $part in certificates/*) [ ! -d "$home/certificates" ] || [ -x "$home/certificates" ] || continue ;; esac
+        text "$part" | cmp -s - "$home/$part" || differing="$differing $part"
+    done
+fi
 current=$(readlink "$prefix/current" 2>/dev/null || true)
 current=${current##*/}
 unfinished=$prefix/.unfinished # there from the switch to a release until its units have been started
 units=/etc/systemd/system
-unit_is_new() { ! [ -f "$units/$1" ] || ! sed "s|@PREFIX@|$prefix|g" "$bundle/units/$1" | cmp -s - "$units/$1"; }
+unit_is_new() { ! [ -f "$units/$1" ] || ! text "units/$1" | cmp -s - "$units/$1"; }
 new_units=
 if [ "$systemd" = yes ]; then
     for unit in "$bundle"/units/*.service; do
@@ -104,12 +128,13 @@ if [ "$systemd" = yes ]; then
 fi
 pending=
 if [ "$systemd" = yes ] && [ -e "$unfinished" ]; then pending=yes; fi
-if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units$pending" ]; then
+if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units$pending$differing" ]; then
     say "$robot runs release $release of $mission from $prefix already: nothing to do"
     exit 0
 fi
 if [ "$dry" = yes ]; then
     whole "$home" || say "would install release $release into $home, with $python"
+    [ -z "$differing" ] || say "would restore$differing in $home, changed since the installation"
     [ "$current" = "$release" ] || say "would point $prefix/current at it (now ${current:-nothing})"
     [ -z "$new_units" ] || say "would install the units$new_units into $units"
     [ -z "$pending" ] || say "would start the units: an earlier installation did not come to that"
@@ -155,15 +180,10 @@ if ! whole "$home"; then
             --require-hashes --no-deps --only-binary :all: "$@"
     ) || failed "the packages cannot be installed; $prefix/current is what it was"
 
-    cp "$bundle/mission.toml" "$home/mission.toml"
-    sed "s|@PREFIX@|$prefix|g" "$bundle/zenoh.json5" >"$home/zenoh.json5"
-    for unit in "$bundle"/units/*.service; do
-        sed "s|@PREFIX@|$prefix|g" "$unit" >"$home/units/${unit##*/}"
-    done
-    # Keys: readable by their owner only, from the first byte on.
-    (umask 077 && mkdir "$home/certificates" && cp "$bundle"/certificates/*.pem "$home/certificates/")
+    (umask 077 && mkdir "$home/certificates")
+    for part in $configuration; do put "$part"; done
+    for unit in "$bundle"/units/*.service; do put "units/${unit##*/}"; done
     [ -z "$owner" ] || chown -R "$owner:$owner" "$home/certificates"
-    find "$home/units" "$home/mission.toml" "$home/zenoh.json5" -type f -exec chmod 644 {} +
 
     "$home/venv/bin/python" -I -c '
 import sys, numpy, pydantic, zenoh
@@ -178,6 +198,12 @@ sys.exit(None if sys.argv[2] in known else "the mission has no robot %s" % sys.a
     sync -f "$home" 2>/dev/null || sync # a robot is switched off by its switch
     mv "$home/.VERSION.json" "$home/VERSION.json" # last of all: a release without it is not whole
     say "installed in $(($(date +%s) - begin)) s"
+elif [ -n "$differing" ]; then
+    [ "$systemd" = no ] || : >"$unfinished"
+    (umask 077 && mkdir -p "$home/certificates")
+    for part in $differing; do put "$part"; done
+    [ -z "$owner" ] || chown -R "$owner:$owner" "$home/certificates"
+    say "restored in release $release, where it had been changed:$differing"
 fi
 
 point() { # a link that names its new target from one moment to the next
@@ -203,7 +229,7 @@ if [ "$systemd" = yes ]; then
         name=${unit##*/}
         names="$names $name"
         if unit_is_new "$name"; then
-            sed "s|@PREFIX@|$prefix|g" "$unit" >"$units/.$name.new"
+            text "units/$name" >"$units/.$name.new"
             chmod 644 "$units/.$name.new"
             mv "$units/.$name.new" "$units/$name"
         fi

@@ -141,6 +141,37 @@ def test_interrupted_install_is_not_used_and_is_repeated(make_bundle: MakeBundle
     assert not (half / "left over").exists()
 
 
+def test_configuration_changed_on_robot_is_restored(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    prefix, one = tmp_path / "prefix", make_bundle()
+    assert install(one, prefix, "--no-systemd").returncode == 0
+    here = prefix / "current"
+    right = {name: (here / name).read_bytes() for name in ("mission.toml", "zenoh.json5")}
+    (here / "mission.toml").write_text("edited by hand")
+    (here / "zenoh.json5").unlink()
+    (here / "certificates" / "key.pem").write_text("another key")
+    dry = install(one, prefix, "--no-systemd", "--dry-run")
+    assert "would restore mission.toml zenoh.json5 certificates/key.pem in" in dry.stdout
+    done = install(one, prefix, "--no-systemd")
+    assert done.returncode == 0, done.stderr
+    assert "where it had been changed: mission.toml zenoh.json5 certificates/key.pem" in done.stdout
+    assert right == {name: (here / name).read_bytes() for name in right}
+    key = here / "certificates" / "key.pem"
+    assert key.read_bytes() == (one / "certificates" / "key.pem").read_bytes()
+    assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    assert "nothing to do" in install(one, prefix, "--no-systemd").stdout
+
+
+def test_mission_edited_in_bundle_is_refused(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    """Its release would be one thing here and another on the other robots."""
+    one = make_bundle()
+    with (one / "mission.toml").open("a") as file:
+        file.write("# faster\n")
+    done = install(one, tmp_path / "prefix", "--no-systemd")
+    assert done.returncode == 2
+    assert "mission.toml was changed after the bundles were made" in done.stderr
+    assert not (tmp_path / "prefix").exists()
+
+
 def test_release_that_cannot_run_is_not_activated(make_bundle: MakeBundle, tmp_path: Path) -> None:
     prefix, one = tmp_path / "prefix", make_bundle("one")
     assert install(one, prefix, "--no-systemd").returncode == 0
