@@ -126,9 +126,17 @@ if [ "$systemd" = yes ]; then
         unit_is_new "${unit##*/}" && new_units="$new_units ${unit##*/}"
     done
 fi
+other_units= # this prefix's own, of another role that this machine had before
+if [ "$systemd" = yes ] && [ "$restart" = yes ]; then
+    for unit in formation-agent.service formation-watchdog.service formation-leader.service formation-standby.service; do
+        if ! [ -e "$bundle/units/$unit" ] && grep -q "^ExecStart=$prefix/current/" "$units/$unit" 2>/dev/null; then
+            other_units="$other_units $unit"
+        fi
+    done
+fi
 pending=
 if [ "$systemd" = yes ] && [ -e "$unfinished" ]; then pending=yes; fi
-if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units$pending$differing" ]; then
+if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units$other_units$pending$differing" ]; then
     say "$robot runs release $release of $mission from $prefix already: nothing to do"
     exit 0
 fi
@@ -137,6 +145,7 @@ if [ "$dry" = yes ]; then
     [ -z "$differing" ] || say "would restore$differing in $home, changed since the installation"
     [ "$current" = "$release" ] || say "would point $prefix/current at it (now ${current:-nothing})"
     [ -z "$new_units" ] || say "would install the units$new_units into $units"
+    [ -z "$other_units" ] || say "would end and remove$other_units: this machine is no longer that"
     [ -z "$pending" ] || say "would start the units: an earlier installation did not come to that"
     exit 0
 fi
@@ -234,6 +243,12 @@ if [ "$systemd" = yes ]; then
             mv "$units/.$name.new" "$units/$name"
         fi
     done
+    if [ -n "$other_units" ]; then
+        # shellcheck disable=SC2086 # they are words
+        systemctl --quiet disable --now $other_units || failed "the units of an earlier role do not end:$other_units"
+        for name in $other_units; do rm -f "$units/$name"; done
+        say "ended and removed$other_units: this machine is no longer that"
+    fi
     systemctl daemon-reload
     # shellcheck disable=SC2086 # they are words
     systemctl --quiet enable $names || failed "the units cannot be enabled"

@@ -36,6 +36,7 @@ INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSI
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
 INSTALLED = ".installed"  # the file that names the completely installed release
 AGENT = "formation-agent.service"
+UNITS = (AGENT, "formation-watchdog.service", "formation-leader.service", "formation-standby.service")
 SYSTEMD = Path("/etc/systemd/system")
 Answer = dict[str, Any]
 
@@ -197,17 +198,31 @@ def _unit(name: str) -> Answer:
 
 
 def _restart(prefix: Path) -> str:
-    """Link the current release's units into systemd and restart them; return the error, or empty."""
-    units = [unit for unit in _units(prefix) if (SYSTEMD / unit).exists()]
-    if not units:
+    """Link the current release's units into systemd and restart them; return the error, or empty.
+
+    Units of the role that the release before gave this machine are ended.
+    """
+    units, there = _units(prefix), [unit for unit in UNITS if _is_ours(prefix, SYSTEMD / unit)]
+    if not there:
         return ""
+    others = [unit for unit in there if unit not in units]
+    calls = [["systemctl", "disable", "--now", *others]] if others else []
+    calls += [["systemctl", "daemon-reload"]]
+    calls += [["systemctl", "enable", *units]] if not set(units) <= set(there) else []
     for unit in units:
         shutil.copyfile(str(prefix / CURRENT / "units" / unit), str(SYSTEMD / unit))
-    for words in (["systemctl", "daemon-reload"], ["systemctl", "restart", *_startable(prefix, units)]):
+    for words in (*calls, ["systemctl", "restart", *_startable(prefix, units)]):
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
         if done.returncode != 0:
             return done.stdout.decode(errors="replace").strip()[-500:]
+    for unit in others:
+        (SYSTEMD / unit).unlink()
     return ""
+
+
+def _is_ours(prefix: Path, unit: Path) -> bool:
+    """Return whether an installed unit starts what is installed under this prefix."""
+    return unit.is_file() and f"={prefix / CURRENT}/" in unit.read_text(encoding="utf-8", errors="replace")
 
 
 def _startable(prefix: Path, units: Sequence[str]) -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from formation.deploy.fleet import units
 from tests.field.light import MakeBundle
 from tests.support.needs import path_of
 
@@ -90,6 +91,26 @@ def test_units_are_installed_and_started_with_own_user(make_bundle: MakeBundle, 
     again = host.install(one)
     assert "nothing to do" in again.stdout
     assert host.calls == []
+
+
+def test_units_of_earlier_role_are_ended(make_bundle: MakeBundle, host: Host) -> None:
+    """An agent whose machine is now the leader's; the one of another prefix stays."""
+    host.active.touch()
+    assert host.install(make_bundle("one")).returncode == 0
+    old, leader = ("formation-agent.service", "formation-watchdog.service"), make_bundle("two", role="leader")
+    texts = [(leader / "units" / name).read_text() for name in old]
+    (leader / "units" / old[0]).unlink()
+    (leader / "units" / old[1]).rename(leader / "units" / "formation-leader.service")
+    standby = host.units / "formation-standby.service"
+    standby.write_text(texts[0].replace(units.PREFIX, "/opt/another"))
+    assert host.install(leader, "--no-restart").returncode == 0
+    assert (host.units / old[0]).exists()
+    assert f"would end and remove {' '.join(old)}:" in host.install(leader, "--dry-run").stdout
+    assert host.install(leader).returncode == 0
+    assert host.calls[0] == f"--quiet disable --now {' '.join(old)}"
+    left = {path.name for path in host.units.glob("formation-*")}
+    assert left == {"formation-leader.service", standby.name}
+    assert "nothing to do" in host.install(leader).stdout
 
 
 @pytest.mark.parametrize("active", [True, False])

@@ -27,8 +27,9 @@ class Robot:
             result = {"release": release, "bringup": "turtlebot3.service"}
             (home / "VERSION.json").write_text(json.dumps(result), encoding="utf-8")
             for unit in (AGENT, WATCHDOG):
-                (home / "units" / unit).write_text(f"of {release}", encoding="utf-8")
-                (self.units / unit).write_text(f"of {release}", encoding="utf-8")
+                text = f"ExecStart={self.prefix}/current/venv/bin/formation # of {release}"
+                (home / "units" / unit).write_text(text, encoding="utf-8")
+                (self.units / unit).write_text(text, encoding="utf-8")
         (self.prefix / "current").symlink_to("releases/r2")
         (self.prefix / "previous").symlink_to("releases/r1")
         monkeypatch.setattr(on_robot, "SYSTEMD", self.units)
@@ -61,7 +62,7 @@ def test_rollback_restores_and_starts_previous_units(
     robot.systemctl("exit 0")
     answer = robot.ask("rollback", capsys, restart=True)
     assert answer == {"left": "r2", "release": "r1", "restart": ""}
-    assert {unit.read_text(encoding="utf-8") for unit in robot.units.iterdir()} == {"of r1"}
+    assert all(unit.read_text(encoding="utf-8").endswith("of r1") for unit in robot.units.iterdir())
     assert robot.calls[-2] == "systemctl daemon-reload"
     assert robot.calls[-1] == f"systemctl restart {AGENT} {WATCHDOG}"
     assert not (robot.prefix / "previous").is_symlink()
@@ -73,6 +74,25 @@ def test_rollback_does_not_start_agent_without_bringup(
     robot.systemctl('[ "$1" != is-active ]')  # restarting the agent would start what it is bound to
     robot.ask("rollback", capsys, restart=True)
     assert robot.calls[-1] == f"systemctl restart {WATCHDOG}"
+
+
+def test_rollback_changes_role_back(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
+    """The newer release made this robot's computer the leader's."""
+    robot.systemctl("exit 0")
+    leader = robot.units / "formation-leader.service"
+    (robot.units / AGENT).rename(leader)
+    (robot.units / WATCHDOG).unlink()
+    foreign = robot.units / "formation-standby.service"
+    foreign.write_text("ExecStart=/opt/another/current/venv/bin/formation", encoding="utf-8")
+    robot.ask("rollback", capsys, restart=True)
+    assert {unit.name for unit in robot.units.iterdir()} == {AGENT, WATCHDOG, foreign.name}
+    changed = [call for call in robot.calls if "is-active" not in call]
+    assert changed == [
+        f"systemctl disable --now {leader.name}",
+        "systemctl daemon-reload",
+        f"systemctl enable {AGENT} {WATCHDOG}",
+        f"systemctl restart {AGENT} {WATCHDOG}",
+    ]
 
 
 def test_rollback_without_restart_calls_no_service(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
