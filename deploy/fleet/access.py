@@ -26,6 +26,8 @@ PROTOCOL = "tls"
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
 REQUESTED_ALL = ORDER.pattern.format(robot="*")
 """Key on which an operator asks all processes at once."""
+AUTHORITY = "ca"
+"""Folder of the certificate authority, beside those of the processes."""
 NOBODY = "strangers: nothing"
 NOTHING = {
     "permission": "deny",
@@ -74,6 +76,11 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
             f"mission {mission.name}: {', '.join(missing)} without endpoint; in the field every robot (and"
             f" the leader, and each standby) needs one that the others can dial, such as"
             f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [{table}.{missing[0]}]"
+        )
+    if AUTHORITY in ends:
+        raise Refusal(
+            f"mission {mission.name}: no robot or standby of the field can be called {AUTHORITY!r}: its key"
+            " would replace the key of the authority, which is in the folder of that name; call it otherwise"
         )
     for name in VISITORS:
         if name in mission.robots:

@@ -22,7 +22,7 @@ from typing import Any
 
 from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, replacing, tell
 from formation.deploy.fleet import authority
-from formation.deploy.fleet.access import hosts
+from formation.deploy.fleet.access import AUTHORITY, hosts
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import MISSION_HELP
@@ -30,7 +30,7 @@ from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.wiring import members
 
-AUTHORITY, KEY, CERTIFICATE, TRUSTED = "ca", "key.pem", "certificate.pem", "ca.pem"
+KEY, CERTIFICATE, TRUSTED = "key.pem", "certificate.pem", "ca.pem"
 DAYS, AUTHORITY_DAYS = 30.0, 365.0
 MAX_COMMON_NAME_CHARS = 64
 """Longest common name [characters]."""
@@ -114,6 +114,12 @@ def read(folder: Path, name: str, now: datetime) -> Pair:
         raise Refusal(f"{home / CERTIFICATE}: was not issued by {home / TRUSTED}; renew it")
     if pair.expires <= now:
         raise Refusal(f"{home / CERTIFICATE}: has expired on {pair.expires:%Y-%m-%d %H:%M} UTC; renew it")
+    begins = pair.certificate.not_valid_before_utc
+    if begins > now:
+        raise Refusal(
+            f"{home / CERTIFICATE}: is valid only from {begins:%Y-%m-%d %H:%M} UTC on, and by this machine's"
+            f" clock it is {now:%Y-%m-%d %H:%M}: set the clock, or renew it"
+        )
     return pair
 
 

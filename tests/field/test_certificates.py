@@ -18,8 +18,9 @@ from formation.deploy import cli
 from formation.deploy.fleet import authority, certificates
 from formation.deploy.fleet.access import hosts
 from formation.deploy.refusal import Refusal
-from formation.mission.file import load
+from formation.mission.file import load, parse
 from formation.mission.model import Mission
+from tests.field.deployed import TEXT
 from tests.field.missions import in_the_field, listening, on_a_wireless_network
 from tests.support.needs import path_of
 
@@ -74,6 +75,23 @@ def test_certificate_begins_in_past_and_never_outlives_authority(tmp_path: Path)
         assert pair.expires == NOW + timedelta(days=7)
     made(tmp_path / "other", days=3.0)
     assert certificates.read(tmp_path / "other", "robot1", NOW).expires == NOW + timedelta(days=3)
+
+
+def test_certificate_that_is_not_valid_yet_is_refused(secrets: Path) -> None:
+    """It was made by a clock that was ahead, or this one is behind."""
+    with pytest.raises(Refusal, match="is valid only from 2026-06-01 11:00 UTC on"):
+        certificates.read(secrets, "robot1", NOW - timedelta(hours=2))
+
+
+@pytest.mark.parametrize("table", ["robots", "standbys"])
+def test_name_of_the_authority_is_refused(tmp_path: Path, table: str) -> None:
+    """Its key would replace that of the authority."""
+    text = TEXT.replace("robot2", "ca")
+    if table == "standbys":
+        text = TEXT + '[standbys.ca]\nendpoint = "tls/10.77.0.9:7460"\n'
+    with pytest.raises(Refusal, match="can be called 'ca': its key"):
+        made(tmp_path / "secrets", parse(text, "three.toml"))
+    assert not (tmp_path / "secrets").exists()
 
 
 def test_files_are_private_and_ignored_by_git(tmp_path: Path) -> None:
