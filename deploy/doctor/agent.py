@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from formation.deploy.doctor.facts import Examination, Facts, Finding, Reached
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
 from formation.protocol.status_codec import sentence
 from formation.transport.wiring import role
 
@@ -15,6 +17,20 @@ MIN_UPTIME_DROPS = 3
 """Drops of the time since the start that prove two agents; one agent may restart meanwhile."""
 MAX_SILENCE = 1.0
 """Silence from which on it is a fault [s]. An agent stops for less, but one pause is normal."""
+NO_FAULT = frozenset(
+    {
+        Code.STARTED, Code.STOPPED_BY_OPERATOR, Code.HELD_BY_OPERATOR, Code.STOPPED_BEFORE_START,
+        Code.HELD_BEFORE_START, Code.NO_ORDER, Code.STOPPED_BY_LEADER, Code.HELD_BY_LEADER,
+    }
+)  # fmt: skip
+"""Reasons of a robot that stands as it was ordered to."""
+REPORTED = frozenset(
+    {
+        Code.NO_LINK, Code.NO_LISTENER, Code.SECOND_AGENT, Code.OTHER_MISSION, Code.UNKNOWN_MISSION,
+        Code.SIGHT_SEARCHING, Code.SIGHT_PLACING, Code.SIGHT_CONTRADICTED, Code.SIGHT_LOST,
+    }
+)  # fmt: skip
+"""Reasons that another finding reports."""
 WORDS = {
     "refused": (
         "refuses the connection",
@@ -55,6 +71,16 @@ def _agent(facts: Facts) -> Iterator[Finding]:
             f"{facts.part}-silent",
             f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
             f"is it running? systemctl status formation-{facts.part} there",
+        )
+    if (
+        facts.agent is not None
+        and facts.agent.state is not AgentState.RUN
+        and facts.agent.reason.code not in NO_FAULT | REPORTED
+    ):
+        yield Finding(
+            "agent-stands",
+            f"its agent says {sentence(facts.agent)}",
+            "see docs/guide/when-something-fails.md, what fails and what you do",
         )
     ages = two_ages(facts.alive or ())
     if ages is not None:

@@ -50,6 +50,11 @@ class Stream:
         return (len(self.received) - 1) / span if span > 0.0 else 0.0
 
     @property
+    def stamps(self) -> int:
+        """Number of different stamps."""
+        return len({one.stamp for one in self.received})
+
+    @property
     def gaps(self) -> tuple[float, ...]:
         """Times from each message to the next [s]."""
         arrivals = [one.arrived for one in self.received]

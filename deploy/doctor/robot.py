@@ -19,6 +19,8 @@ MIN_RATE_SHARE, MAX_RATE_SHARE = 0.8, 1.4
 """Lowest and highest share of the mission's rate."""
 IRREGULAR_PAUSES = 2
 """Number of pauses while listening that counts as irregular; one may happen."""
+MAX_REPEATED_SHARE = 0.5
+"""Share of messages with a stamp that came before from which on a stream counts as frozen."""
 CHRONY_LIMIT = 0.02
 """Offset from NTP time from which on it is reported [s]."""
 EXPIRING_LIFE_SHARE = 0.2
@@ -169,6 +171,12 @@ def stream_findings(
             f"{name}-fast",
             f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
             "do two processes publish it? else correct the mission's rate",
+        )
+    elif (repeated := len(stream.received) - stream.stamps) > MAX_REPEATED_SHARE * len(stream.received):
+        yield Finding(
+            f"{name}-repeated",
+            f"{what} is frozen: {repeated} of {len(stream.received)} messages repeat an earlier stamp",
+            "restart what publishes it: it sends one message again and again",
         )
     elif len(pauses) >= IRREGULAR_PAUSES:
         yield Finding(

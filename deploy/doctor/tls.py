@@ -104,6 +104,8 @@ def reach(endpoint: str, papers: Papers | None) -> Reached:
             return _handshake(endpoint, plain, host, papers)
     except OSError as error:
         return Reached(endpoint, _outcome(error), str(error))
+    except UnicodeError as error:  # a host name that cannot be one
+        return Reached(endpoint, "unknown name", str(error))
 
 
 def _shown(papers: Papers) -> dict[str, object]:

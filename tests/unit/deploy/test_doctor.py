@@ -16,10 +16,11 @@ from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, word
 from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
 from formation.deploy.doctor.gather import read_tracking
 from formation.deploy.doctor.robot import ROBOT_LINK
+from formation.deploy.doctor.tls import reach
 from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
-from formation.protocol.status import LeaderState, LeaderStatus, RobotLink
+from formation.protocol.status import AgentState, LeaderState, LeaderStatus, RobotLink
 from tests.unit.deploy.commands import Capsys, refused
 from tests.unit.deploy.examined import (
     DAY,
@@ -46,6 +47,16 @@ def test_healthy_robot_and_desk_have_no_findings() -> None:
     assert all(one.seen for one in checked)
 
 
+@pytest.mark.parametrize("code", [Code.HELD_BY_OPERATOR, Code.STOPPED_BY_LEADER, Code.NO_ORDER])
+def test_robot_that_stands_as_ordered_has_no_findings(code: Code) -> None:
+    status = status_of(state=AgentState.HOLD, reason=Reason(code))
+    assert found(replace(HEALTHY, newest_status=status)) == {}
+
+
+def test_host_name_that_cannot_be_one_is_unknown() -> None:
+    assert reach("tls/robot..local:7460", None).outcome == "unknown name"
+
+
 def certificate(**changes: Any) -> Mapping[str, Any]:
     assert HEALTHY.certificate is not None
     return {"certificate": replace(HEALTHY.certificate, **changes)}
@@ -54,6 +65,12 @@ def certificate(**changes: Any) -> Mapping[str, Any]:
 PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "odometry stamped late": ({"odometry": stream(behind=0.4)}, "clock-offset",
         "odometry is stamped 0.4 s ago"),
+    "odometry repeated": ({"odometry": Stream(tuple(one._replace(stamp=WALL) for one in stream().received))},
+        "odometry-repeated", "odometry is frozen: 59 of 60 messages repeat an earlier stamp"),
+    "robot does not move": (
+        {"newest_status": status_of(state=AgentState.HOLD, reason=Reason(Code.OUTSIDE_BOUNDS,
+            {"axis": "x", "value": 31.2, "limit": 25.0}))},
+        "agent-stands", "its agent says hold: outside the bounds: x = 31.20 m, limit 25.00 m"),
     "odometry stamped ahead": ({"odometry": stream(behind=-5.0)}, "clock-offset", "stamped 5 s ahead"),
     "position stamped late": ({"position": stream(behind=0.2)}, "clock-offset", "its position is stamped"),
     "clock of a neighbour": ({"newest_status": status_of(clock={"leader": -0.3})}, "clock-doubted",
