@@ -38,6 +38,7 @@ from formation.deploy.arguments import add_json, add_out, as_json, parser, read_
 from formation.deploy.fleet import access, authority, certificates, wheels
 from formation.deploy.fleet import units as systemd
 from formation.deploy.fleet.access import hosts
+from formation.deploy.fleet.fleet import BUNDLE
 from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target, digest
 from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import DESK, MISSION_HELP, read
@@ -45,8 +46,8 @@ from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.wiring import members, role
 
-BUNDLE, VERSION = "BUNDLE.json", "VERSION.json"
-"""File that marks a folder as ours, and file with the release of a robot's folder."""
+VERSION = "VERSION.json"
+"""File with the release of a robot's folder."""
 LEADER = "leader"
 """The leader's name on the desk."""
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
@@ -130,7 +131,7 @@ def make(
         systemd.units(mission, name, bringup, bridge)  # refuse a wrong flag before fetching anything
     before = _earlier_folders(out)
     with _workshop(out) as shop:
-        wheelhouse = shop / "wheels"
+        wheelhouse = shop / ".wheels"  # no robot has a name with a dot
         wheelhouse.mkdir()
         wheels.collect(target, wheelhouse, _earlier_wheels(out, before, target), fetch=with_wheels)
         facts = {
@@ -296,7 +297,7 @@ def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str
     _write(out / ".gitignore", "*\n")
     # Until all is done the content may be of either run, so both are named.
     _write(out / BUNDLE, json.dumps({"folders": sorted({*folders, *before})}) + "\n")
-    old = shop / "old"
+    old = shop / ".old"
     old.mkdir()
     for name in before:
         (out / name).rename(old / name)

@@ -7,7 +7,7 @@ import json
 import re
 import socket
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -21,6 +21,8 @@ from formation.mission.file import MissionError, load
 from formation.transport.wiring import named
 
 PREFIX = "/opt/formation"
+BUNDLE = "BUNDLE.json"
+"""File that lists the folders of all bundles."""
 ADDRESS = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
 PLACE = re.compile(r"/[A-Za-z0-9_./{}-]+")
 """A prefix: absolute, and without special characters of a shell or systemd."""
@@ -127,6 +129,12 @@ def find(folder: Path) -> dict[str, Bundle]:
     if not folder.is_dir():
         raise Refusal(f"{folder}: no such folder; `formation deploy bundle` makes one")
     bundles = {}
+    missing = [name for name in _listed(folder) if not (folder / name).is_dir()]
+    if missing:
+        raise Refusal(
+            f"{folder}: {', '.join(missing)} missing, of those that `formation deploy bundle` makes: it was"
+            " interrupted, or a folder was removed; make the bundles again"
+        )
     for path in sorted(folder.iterdir(), key=_counted):
         if (path / VERSION).is_file() and (path / "install.sh").is_file():
             bundles[path.name] = _bundle(path)
@@ -152,6 +160,15 @@ def on_all(fleet: Fleet, query: Callable[[Robot], T]) -> dict[str, T | RemoteErr
         except KeyboardInterrupt:
             fleet.ssh.stop()  # else the pool would wait for every robot
             raise
+
+
+def _listed(folder: Path) -> Sequence[str]:
+    """Return the folders that `formation deploy bundle` made, as it lists them; none if it does not."""
+    try:
+        listed = json.loads((folder / BUNDLE).read_text(encoding="utf-8"))["folders"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
+    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else ()
 
 
 def _bundle(path: Path) -> Bundle:

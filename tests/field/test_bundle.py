@@ -15,7 +15,8 @@ from cryptography import x509
 
 from formation.deploy.cli import main
 from formation.deploy.fleet import bundle, certificates, wheels
-from formation.deploy.fleet.bundle import BUNDLE, VERSION
+from formation.deploy.fleet.bundle import VERSION
+from formation.deploy.fleet.fleet import BUNDLE
 from formation.deploy.fleet.wheels import Target
 from formation.mission.file import DESK, configuration_of, load, parse
 from tests.field.deployed import TEXT, mission, secrets
@@ -69,6 +70,16 @@ def version(out: Path, robot: str) -> dict[str, Any]:
 
 def files(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", ["old", "wheels"])
+def test_robot_may_be_called_as_a_folder_is(name: str, tmp_path: Path) -> None:
+    text = TEXT.replace("robot2", name)
+    named = parse(text, "three.toml")
+    certificates.create(named, tmp_path / "secrets", days=1.0, authority_days=1.0, now=NOW)
+    for _ in range(2):
+        bundle.make(named, text, tmp_path / "out", tmp_path / "secrets", PI, now=NOW)
+        assert (tmp_path / "out" / name / VERSION).is_file()
 
 
 def test_robot_bundle_holds_all_needed_files(make: Make, tmp_path: Path) -> None:
