@@ -8,7 +8,7 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -152,13 +152,26 @@ def on_all(fleet: Fleet, query: Callable[[Robot], T]) -> dict[str, T | RemoteErr
             return query(robot)
         except RemoteError as error:
             return error
+        except OSError as error:
+            return RemoteError(f"{error.filename or 'the bundle'} cannot be sent: {error.strerror or error}")
+        except (LookupError, TypeError, ValueError) as error:
+            return RemoteError(f"its answer cannot be used: {error!r}; is {robot.address} this robot?")
 
     with ThreadPoolExecutor(max_workers=fleet.jobs, thread_name_prefix="robot") as pool:
+        waiting: dict[str, Future[T | RemoteError]] = {}
         try:
-            waiting = {name: pool.submit(one, robot) for name, robot in fleet.robots.items()}
+            for name, robot in fleet.robots.items():
+                waiting[name] = pool.submit(one, robot)
             return {name: future.result() for name, future in waiting.items()}
         except KeyboardInterrupt:
             fleet.ssh.stop()  # else the pool would wait for every robot
+            done = [name for name, one in waiting.items() if not isinstance(one.result(), RemoteError)]
+            rest = [name for name in fleet.robots if name not in done]
+            print(
+                f"\nformation: done on {', '.join(done) or 'no robot'}; not on {', '.join(rest) or 'none'},"
+                " or not known: `formation deploy status` tells",
+                file=sys.stderr,
+            )
             raise
 
 
@@ -214,7 +227,7 @@ def _leads_from_here(bundle: Bundle) -> bool:
         place = socket.getaddrinfo(_from_mission(bundle), 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(place[0], socket.SOCK_STREAM) as probe:
             probe.bind(place[4])  # a machine can bind only its own addresses
-    except OSError:
+    except (OSError, UnicodeError):  # a host name that cannot be one
         return False
     return True
 
