@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import re
 import socket
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from formation.deploy.arguments import add_json, whole
-from formation.deploy.fleet.on_robot import VERSION
+from formation.deploy.fleet.on_robot import CONFIGURATION, VERSION
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from formation.deploy.fleet.wheels import digest
 from formation.deploy.refusal import Refusal, refusing
@@ -42,6 +43,23 @@ class Bundle(NamedTuple):
     def release(self) -> str:
         """Name of the release that it installs."""
         return str(self.version["release"])
+
+    def differing(self, prefix: str, there: Mapping[str, str | None]) -> tuple[str, ...]:
+        """Return the files of the configuration that differ from those installed under `prefix`.
+
+        `there` has their digests on the robot; None if it may not be read there.
+        """
+        names = [name for name in CONFIGURATION if (self.folder / name).is_file()]
+        return tuple(
+            name for name in names if there.get(name, "") not in {None, self._installed(name, prefix)}
+        )
+
+    def _installed(self, name: str, prefix: str) -> str:
+        """Return the digest that a file has when it is installed."""
+        content = (self.folder / name).read_bytes()
+        if name == "zenoh.json5":
+            content = content.replace(b"@PREFIX@", prefix.removesuffix("/").encode())
+        return hashlib.sha256(content).hexdigest()
 
 
 class Fleet(NamedTuple):
@@ -191,6 +209,10 @@ def _bundle(path: Path) -> Bundle:
         raise Refusal(f"{path / VERSION}: cannot be read: {error}") from None
     if not isinstance(version, dict) or not isinstance(version.get("release"), str):
         raise Refusal(f"{path / VERSION}: does not name a release")
+    if version.get("robot", path.name) != path.name:
+        raise Refusal(
+            f"{path}: is the bundle of {version['robot']}, not of {path.name}; make the bundles again"
+        )
     mission = path / "mission.toml"
     if not mission.is_file():
         raise Refusal(f"{path}: has no mission.toml; make the bundles again")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from formation.deploy.arguments import parser, tell
 from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet.fleet import Bundle, Fleet
-from formation.deploy.fleet.remote import RemoteError
+from formation.deploy.fleet.remote import RemoteError, Robot
 
 EXAMPLES = """\
   formation deploy status field --user ubuntu
@@ -39,23 +39,25 @@ def main(arguments: Sequence[str]) -> int:
     )
     chosen = options.parse_args(arguments)
     fleet = fleets.read(chosen, sudo=not chosen.no_systemd)
-    answers = fleets.on_all(fleet, lambda robot: fleet.ssh.call(robot, "status", {}))
+
+    def query(robot: Robot) -> InstalledState:
+        answer = fleet.ssh.call(robot, "status", {})
+        return state(fleet.bundles[robot.name], answer, robot.prefix, units=not chosen.no_systemd)
+
     states = {
-        name: state(fleet.bundles[name], answer, units=not chosen.no_systemd)
-        for name, answer in answers.items()
+        name: InstalledState({}, (str(one),), {}) if isinstance(one, RemoteError) else one
+        for name, one in fleets.on_all(fleet, query).items()
     }
     tell(chosen, "\n".join(words(fleet, states)), lambda: report(fleet, states))
     return 1 if any(one.differs for one in states.values()) else 0
 
 
-def state(bundle: Bundle, answer: Mapping[str, Any] | RemoteError, *, units: bool = True) -> InstalledState:
-    """Compare a robot's answer with its bundle."""
-    if isinstance(answer, RemoteError):
-        return InstalledState({}, (str(answer),), {})
+def state(bundle: Bundle, answer: Mapping[str, Any], prefix: str, *, units: bool = True) -> InstalledState:
+    """Compare a robot's answer with its bundle, installed under `prefix`."""
     if answer["release"] is None:
         return InstalledState(answer, ("nothing is installed",), {})
     return InstalledState(
-        answer, tuple(_differences(bundle, answer, units=units)), answer["units"] if units else {}
+        answer, tuple(_differences(bundle, answer, prefix, units=units)), answer["units"] if units else {}
     )
 
 
@@ -109,18 +111,40 @@ def since(then: float, now: float) -> str:
     return f"{datetime.fromtimestamp(then, UTC):%m-%d %H:%M} UTC ({ago / scale:.0f} {unit})"
 
 
-def _differences(bundle: Bundle, reply: Mapping[str, Any], *, units: bool) -> Iterator[str]:
+def _differences(bundle: Bundle, reply: Mapping[str, Any], prefix: str, *, units: bool) -> Iterator[str]:
+    yield from _of_identity(bundle, reply)
     if reply["release"] != bundle.release:
         yield f"release differs: {bundle.release} is in the bundle; push it"
     if reply["mission_sha256"] is None:
-        yield "its mission file is gone: push with --reinstall"
+        yield "its mission file is gone: push it"
     elif reply["mission_sha256"] != bundle.mission_sha256:
         yield "mission differs from the bundle's: push it"
-    if units and not reply["units"]:
+    if reply["release"] == bundle.release:
+        for name in bundle.differing(prefix, reply["configuration"]):
+            if name != "mission.toml":
+                yield f"{name} was changed on the robot: push restores it"
+    if units:
+        yield from _of_units(reply)
+
+
+def _of_identity(bundle: Bundle, reply: Mapping[str, Any]) -> Iterator[str]:
+    version = reply["version"]
+    if version.get("robot", bundle.robot) != bundle.robot:
+        yield f"this machine is {version['robot']}: is the address right?"
+    until = version.get("certificate_until")
+    if until is not None and datetime.fromisoformat(until).timestamp() <= reply["now"]:
+        yield f"by its clock its certificate has expired on {until}: renew it, bundle, push"
+
+
+def _of_units(reply: Mapping[str, Any]) -> Iterator[str]:
+    if not reply["units"]:
         yield "it has no units: was it installed with --no-systemd?"
-    for unit, facts in reply["units"].items() if units else ():
+    for unit, facts in reply["units"].items():
         if facts["active"] != "active":
             yield f"{unit} is {facts['active']}: see journalctl -u {unit} there"
+        for release in facts["runs"]:
+            if release != reply["release"]:
+                yield f"{unit} still runs release {release}: systemctl restart {unit} there"
 
 
 def _row(bundle: Bundle, one: InstalledState) -> tuple[str, ...]:

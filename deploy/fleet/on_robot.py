@@ -16,6 +16,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -25,6 +26,7 @@ import sys
 import tarfile
 import time
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -35,6 +37,14 @@ MARK = "formation-answer: "
 INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
 INSTALLED = ".installed"  # the file that names the completely installed release
+CONFIGURATION = (
+    "mission.toml",
+    "zenoh.json5",
+    "certificates/ca.pem",
+    "certificates/certificate.pem",
+    "certificates/key.pem",
+)
+"""Files of a release that are this robot's own; install.sh restores them."""
 AGENT = "formation-agent.service"
 UNITS = (AGENT, "formation-watchdog.service", "formation-leader.service", "formation-standby.service")
 SYSTEMD = Path("/etc/systemd/system")
@@ -45,8 +55,9 @@ class Refused(Exception):  # noqa: N818 - the request fails; the text gives the 
     """A request cannot be done on this robot; the text is one sentence."""
 
 
-def look(prefix: Path, _request: Answer) -> Answer:
+def look(prefix: Path, request: Answer) -> Answer:
     """Return the mirror's content, the current and the complete releases, and the free space [bytes]."""
+    _refuse_other_robot(prefix, request)
     incoming = prefix / INCOMING
     files = {}
     if incoming.is_dir():
@@ -58,6 +69,7 @@ def look(prefix: Path, _request: Answer) -> Answer:
         "files": files,
         "release": _release(prefix / CURRENT),
         "installed": done.read_text(encoding="utf-8") if done.is_file() else None,
+        "configuration": _configuration(prefix / CURRENT),
         "free": shutil.disk_usage(str(disk)).free,
     }
 
@@ -71,6 +83,7 @@ def receive(prefix: Path, request: Answer) -> Answer:
     incoming.mkdir(parents=True, exist_ok=True)
     incoming.chmod(0o700)
     with _only_one(prefix, PUSHING):
+        _refuse_other_robot(prefix, request)
         _take(incoming, wanted, sys.stdin.buffer)
         for path in _files(incoming):
             if _name(incoming, path) not in wanted:
@@ -84,7 +97,11 @@ def receive(prefix: Path, request: Answer) -> Answer:
         code = _install(incoming, request["install"])
         if code == 0:
             (prefix / INSTALLED).write_text(_release(prefix / CURRENT) or "", encoding="utf-8")
-    return {"exit": code, "release": _release(prefix / CURRENT)}
+    return {
+        "exit": code,
+        "release": _release(prefix / CURRENT),
+        "configuration": _configuration(prefix / CURRENT),
+    }
 
 
 def rollback(prefix: Path, request: Answer) -> Answer:
@@ -95,6 +112,7 @@ def rollback(prefix: Path, request: Answer) -> Answer:
             raise Refused(f"nothing is installed under {prefix}")
         if back is None or back == left or not (prefix / PREVIOUS / VERSION).is_file():
             raise Refused(f"there is no release before {left}")
+        _refuse_unfit(prefix / PREVIOUS, request)
         target = (prefix / PREVIOUS).readlink()
         new = prefix / f".{CURRENT}.{os.getpid()}"
         new.symlink_to(target, target_is_directory=True)
@@ -117,8 +135,42 @@ def status(prefix: Path, _request: Answer) -> Answer:
         "now": time.time(),
         "version": _json(current / VERSION),
         "mission_sha256": _digest(mission) if mission.is_file() else None,
-        "units": {unit: _unit(unit) for unit in _units(prefix)},
+        "configuration": _configuration(current),
+        "units": {unit: _unit(unit, prefix) for unit in _units(prefix)},
     }
+
+
+def _refuse_other_robot(prefix: Path, request: Answer) -> None:
+    """Refuse a machine that is another robot, unless the request renames it."""
+    there = _json(prefix / CURRENT / VERSION).get("robot")
+    if there and there != request["robot"] and not request["rename"]:
+        raise Refused(
+            f"this machine is {there}, not {request['robot']}: correct its address (endpoint, --host),"
+            f" or make it {request['robot']} with --rename"
+        )
+
+
+def _refuse_unfit(home: Path, request: Answer) -> None:
+    """Refuse to go back to a release of another robot, or with an expired certificate."""
+    version = _json(home / VERSION)
+    there, until = version.get("robot"), version.get("certificate_until")
+    if there and there != request["robot"]:
+        raise Refused(f"the release before is {there}'s, not {request['robot']}'s: push its bundle instead")
+    if until and datetime.fromisoformat(until).timestamp() <= request["now"]:
+        raise Refused(f"the certificate of the release before has expired on {until}: push a new bundle")
+
+
+def _configuration(home: Path) -> Answer:
+    """Return the digest of each file of its configuration that a release has; None if it cannot be read."""
+    found: Answer = {}
+    for name in CONFIGURATION:
+        try:
+            found[name] = _digest(home / name)
+        except FileNotFoundError:
+            continue
+        except OSError:
+            found[name] = None
+    return found
 
 
 def _take(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
@@ -184,8 +236,8 @@ def _units(prefix: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("*.service")) if folder.is_dir() else []
 
 
-def _unit(name: str) -> Answer:
-    wanted = "ActiveState,SubState,StatusText,NRestarts,LoadState"
+def _unit(name: str, prefix: Path) -> Answer:
+    wanted = "ActiveState,SubState,StatusText,NRestarts,LoadState,MainPID"
     output = _output_of(["systemctl", "show", "-p", wanted, name])
     facts = dict(line.partition("=")[::2] for line in (output or "").splitlines())
     last = _output_of(["journalctl", "-u", name, "-n", "1", "-o", "cat", "--no-pager", "-q"])
@@ -194,7 +246,18 @@ def _unit(name: str) -> Answer:
         "detail": facts.get("SubState", ""),
         "restarts": int(facts["NRestarts"]) if facts.get("NRestarts", "").isdigit() else 0,
         "says": facts.get("StatusText") or (last or "").strip()[:200],
+        "runs": _runs(facts.get("MainPID", ""), prefix),
     }
+
+
+def _runs(pid: str, prefix: Path) -> list[str]:
+    """Return the releases of the libraries that a process has loaded; none if that cannot be told."""
+    try:
+        maps = Path("/proc", pid, "maps").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return []
+    # not what the link names now: the kernel tells the file that was opened
+    return sorted(set(re.findall(re.escape(f"{prefix.resolve()}/releases/") + "([^/\n]+)/", maps)))
 
 
 def _restart(prefix: Path) -> str:

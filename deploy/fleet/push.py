@@ -11,6 +11,7 @@ import sys
 import tarfile
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Self, TextIO, TypeVar
@@ -23,6 +24,7 @@ from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet.fleet import Bundle, Fleet
 from formation.deploy.fleet.remote import LAST_LINES, RemoteError, Robot
 from formation.deploy.fleet.wheels import digest
+from formation.deploy.refusal import Refusal
 
 EXAMPLES = """\
   formation deploy push field --user ubuntu
@@ -55,6 +57,8 @@ class Pushed(NamedTuple):
     bytes: int
     installed: bool
     """False if the release was already there and current."""
+    restored: tuple[str, ...] = ()
+    """Files of the release that had been changed on the robot."""
 
 
 class View:
@@ -152,6 +156,7 @@ def main(arguments: Sequence[str]) -> int:
     """Push; return the exit code."""
     options = flags().parse_args(arguments)
     fleet = fleets.read(options, sudo=not options.no_systemd)
+    refuse_unfit(fleet, datetime.now(UTC))
     bars = sys.stdout.isatty() and not options.json
     shown = _Bars(sys.stdout, fleet.robots) if bars else View(None if options.json else sys.stdout)
     with shown as view:
@@ -159,6 +164,22 @@ def main(arguments: Sequence[str]) -> int:
     failed = [name for name, result in results.items() if isinstance(result, RemoteError)]
     tell(options, "\n".join(_words(results, _pushed, failed)), lambda: _report(fleet, results))
     return 1 if failed else 0
+
+
+def refuse_unfit(fleet: Fleet, now: datetime) -> None:
+    """Raise Refusal for a bundle with an expired certificate, or with a mission edited since its making."""
+    for name, bundle in fleet.bundles.items():
+        until = bundle.version.get("certificate_until")
+        if until is not None and datetime.fromisoformat(until) <= now:
+            raise Refusal(
+                f"{bundle.folder}: the certificate of {name} has expired on {until}, and no robot would link"
+                " with it: formation deploy certificates --renew, bundle, push"
+            )
+        if bundle.version.get("mission_sha256", bundle.mission_sha256) != bundle.mission_sha256:
+            raise Refusal(
+                f"{bundle.folder / 'mission.toml'}: was changed after the bundles were made, for {name} only:"
+                " change the mission that they are made from, and make them again"
+            )
 
 
 def rollback(arguments: Sequence[str]) -> int:
@@ -172,7 +193,13 @@ def rollback(arguments: Sequence[str]) -> int:
     chosen = options.parse_args(arguments)
     fleet = fleets.read(chosen, sudo=not chosen.no_systemd)
     restart = not (chosen.no_restart or chosen.no_systemd)
-    results = fleets.on_all(fleet, lambda robot: fleet.ssh.call(robot, "rollback", {"restart": restart}))
+    now = datetime.now(UTC).timestamp()
+    results = fleets.on_all(
+        fleet,
+        lambda robot: fleet.ssh.call(
+            robot, "rollback", {"restart": restart, "robot": robot.name, "now": now}
+        ),
+    )
     robots = {
         name: {"ok": False, "reason": str(result)}
         if isinstance(result, RemoteError)
@@ -188,14 +215,24 @@ def rollback(arguments: Sequence[str]) -> int:
     return 1 if failed else 0
 
 
-def push(fleet: Fleet, robot: Robot, flags: Sequence[str], view: View, *, reinstall: bool = False) -> Pushed:
+def push(
+    fleet: Fleet,
+    robot: Robot,
+    flags: Sequence[str],
+    view: View,
+    *,
+    reinstall: bool = False,
+    rename: bool = False,
+) -> Pushed:
     """Update one robot to its bundle; `flags` goes to its install.sh.
 
-    Raises RemoteError; the old release then still runs unless the last step of installation was reached.
+    With `rename` the machine may have been another robot. Raises RemoteError; the old release then still
+    runs unless the last step of installation was reached.
     """
     bundle = fleet.bundles[robot.name]
     view.phase(robot.name, "connecting")
-    there = fleet.ssh.call(robot, "look", {})
+    identity = {"robot": robot.name, "rename": rename}
+    there = fleet.ssh.call(robot, "look", identity)
     view.phase(robot.name, "comparing")
     files = manifest(bundle.folder)
     missing = [name for name, facts in files.items() if there["files"].get(name, [None])[0] != facts[0]]
@@ -206,7 +243,8 @@ def push(fleet: Fleet, robot: Robot, flags: Sequence[str], view: View, *, reinst
         )
     same = {name: list(facts) for name, facts in files.items()} == there["files"]
     current = there["release"] == there["installed"] == bundle.release
-    if same and current and not reinstall:
+    restored = bundle.differing(robot.prefix, there["configuration"]) if current else ()
+    if same and current and not restored and not reinstall:
         return Pushed(bundle.release, 0, 0, installed=False)
     output: list[str] = []
 
@@ -218,7 +256,7 @@ def push(fleet: Fleet, robot: Robot, flags: Sequence[str], view: View, *, reinst
     answer = fleet.ssh.call(
         robot,
         "receive",
-        {"files": files, "install": ["--prefix", robot.prefix, *flags]},
+        {"files": files, "install": ["--prefix", robot.prefix, *flags], **identity},
         feed=partial(send, bundle, files, missing, view),
         line=line,
     )
@@ -227,7 +265,9 @@ def push(fleet: Fleet, robot: Robot, flags: Sequence[str], view: View, *, reinst
         full = any("No space left on device" in text for text in lines)
         how = f"exit code {answer['exit']}" if answer["exit"] else f"{answer['release']} is current"
         raise RemoteError("disk full" if full else f"install failed ({how})", lines[-LAST_LINES:])
-    return Pushed(bundle.release, len(missing), total, installed=True)
+    if differing := bundle.differing(robot.prefix, answer["configuration"]):
+        raise RemoteError(f"installed, but {', '.join(differing)} on the robot is not as in the bundle")
+    return Pushed(bundle.release, len(missing), total, installed=True, restored=restored)
 
 
 def manifest(folder: Path) -> dict[str, tuple[str, int]]:
@@ -272,7 +312,8 @@ def _pushed(result: Pushed) -> Sequence[str]:
     if not result.installed:
         return (f"{result.release}  up to date, not touched",)
     sent = f"{result.files} files, {size(result.bytes)} sent" if result.files else "nothing to send"
-    return (f"{result.release}  installed; {sent}",)
+    restored = f"; restored {', '.join(result.restored)}, changed there" if result.restored else ""
+    return (f"{result.release}  installed; {sent}{restored}",)
 
 
 def _rolled_back(result: Mapping[str, Any]) -> Sequence[str]:
@@ -307,7 +348,7 @@ class _Counted:
 def _one(fleet: Fleet, robot: Robot, options: argparse.Namespace, view: View) -> Pushed:
     flags = ["--no-systemd"] * options.no_systemd + ["--no-restart"] * options.no_restart
     try:
-        pushed = push(fleet, robot, flags, view, reinstall=options.reinstall)
+        pushed = push(fleet, robot, flags, view, reinstall=options.reinstall, rename=options.rename)
     except RemoteError as error:
         view.end(robot.name, f"failed: {error}", well=False)
         raise
@@ -325,5 +366,10 @@ def flags() -> argparse.ArgumentParser:
     )
     options.add_argument(
         "--reinstall", action="store_true", help="run the installation even where nothing differs"
+    )
+    options.add_argument(
+        "--rename",
+        action="store_true",
+        help="also where another robot is installed: the machine gets this robot's name and place",
     )
     return options

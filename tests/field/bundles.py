@@ -73,6 +73,11 @@ class Field:
         key.write_text(f"secret of {name}\n", encoding="utf-8")
         return folder
 
+    def note(self, name: str, **facts: str) -> None:
+        """Put these facts into the VERSION.json of a robot's bundle."""
+        path = self.bundles / name / "VERSION.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), **facts}), encoding="utf-8")
+
     def prefix(self, name: str) -> Path:
         return self._places / name
 

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from formation.deploy.cli import main
+from formation.deploy.fleet.fleet import find
+from formation.deploy.fleet.fleet_status import state
 from tests.field.bundles import ROBOTS, Field, result
 from tests.field.light import light, release
 from tests.field.sshd import Server
@@ -59,6 +61,37 @@ def test_status_names_differences_from_bundles(field: Field, capsys: pytest.Capt
     assert output.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"
 
 
+def test_status_names_configuration_name_and_certificate_that_are_wrong(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (field.bundles / "robot1" / "zenoh.json5").write_text("{}", encoding="utf-8")
+    field.note("robot3", certificate_until="2020-01-01T00:00:00+00:00")
+    assert field.deploy("push", "--only", "robot1", "robot2") == 0
+    (field.prefix("robot1") / "current" / "zenoh.json5").write_text("{ }", encoding="utf-8")
+    shutil.copytree(field.bundles / "robot3", field.prefix("robot3") / "releases" / "r1")
+    (field.prefix("robot3") / "current").symlink_to("releases/r1")
+    capsys.readouterr()
+    assert field.deploy("status") == 1
+    output = capsys.readouterr().out
+    assert "! zenoh.json5 was changed on the robot: push restores it" in output
+    assert "! by its clock its certificate has expired on 2020-01-01T00:00:00+00:00" in output
+    assert output.splitlines()[-1] == "1 of 3 as in the bundles; not robot1, robot3"
+    assert field.deploy("status", "--only", "robot2", "--prefix", str(field.prefix("robot1"))) == 1
+    assert "! this machine is robot1: is the address right?" in capsys.readouterr().out
+
+
+def test_unit_that_runs_an_older_release_differs(field: Field) -> None:
+    """After a push with --no-restart, or an installation that was interrupted before its last step."""
+    unit = {"active": "active", "restarts": 0, "says": "", "runs": ["r0"]}
+    bundle = find(field.bundles)["robot1"]
+    answer = {
+        "release": "r1", "version": {}, "now": 0.0, "mission_sha256": bundle.mission_sha256,
+        "configuration": {"mission.toml": bundle.mission_sha256}, "units": {"formation-agent.service": unit},
+    }  # fmt: skip
+    (differs,) = state(bundle, answer, "/opt/formation").differs
+    assert differs.startswith("formation-agent.service still runs release r0: systemctl restart")
+
+
 def test_bundle_can_be_pushed_rolled_back_and_pushed_again(
     bundles: Path, tmp_path: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,5 +125,11 @@ def test_push_skips_local_leader_unless_named(field: Field, capsys: pytest.Captu
     assert field.deploy("push") == 0
     assert [field.current(name) for name in ROBOTS] == [None, "r1", "r1"]
     assert "robot1: leads from this machine, left out" in capsys.readouterr().err
+    mission = field.bundles / "robot1" / "mission.toml"
+    right = mission.read_text()
+    mission.write_text(right.replace("127.0.0.1:7461", "no..name:7461"), encoding="utf-8")
+    assert field.deploy("push") == 1  # its address cannot be one, so it is none of this machine
+    assert "robot1  FAILED  unreachable: its address is unknown" in capsys.readouterr().out
+    mission.write_text(right, encoding="utf-8")
     assert field.deploy("push", "--only", "robot1") == 0
     assert field.current("robot1") == "r1"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import mmap
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -119,8 +121,38 @@ def test_status_reports_systemd_and_journal_of_units(
     )
     units = robot.ask("status", capsys)["units"]
     says = "12:00:00 robot1: hold: no leader"
-    assert units[AGENT] == {"active": "active", "detail": "running", "restarts": 3, "says": says}
+    facts = {"active": "active", "detail": "running", "restarts": 3, "says": says, "runs": []}
+    assert units[AGENT] == facts
     assert units[WATCHDOG]["active"] == "not loaded"
+
+
+def test_status_reports_release_that_a_process_runs(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was not started again since the last installation; the library is the release's before."""
+    library = robot.prefix / "releases" / "r1" / "venv" / "zenoh.so"
+    library.parent.mkdir()
+    library.write_bytes(bytes(4096))
+    robot.systemctl(f"printf 'LoadState=loaded\\nActiveState=active\\nMainPID={os.getpid()}\\n'")
+    with library.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ):
+        assert robot.ask("status", capsys)["units"][AGENT]["runs"] == ["r1"]
+    assert robot.ask("status", capsys)["units"][AGENT]["runs"] == []
+
+
+@pytest.mark.parametrize(
+    ("facts", "why"),
+    [
+        ({"robot": "robot2"}, "the release before is robot2's, not robot1's: push its bundle instead"),
+        ({"certificate_until": "2026-06-01T12:00:00+00:00"}, "has expired on 2026-06-01T12:00:00+00:00"),
+    ],
+)
+def test_unfit_previous_release_prevents_rollback(
+    robot: Robot, capsys: pytest.CaptureFixture[str], facts: dict[str, str], why: str
+) -> None:
+    version = robot.prefix / "releases" / "r1" / "VERSION.json"
+    version.write_text(json.dumps({"release": "r1", "robot": "robot1", **facts}), encoding="utf-8")
+    now = datetime(2026, 6, 1, 12, tzinfo=UTC).timestamp()
+    answer = robot.ask("rollback", capsys, restart=True, robot="robot1", now=now)
+    assert why in answer["error"]
+    assert (robot.prefix / "current").readlink().name == "r2"
 
 
 def test_incomplete_previous_release_prevents_rollback(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import json
 import os
 import stat
@@ -11,6 +12,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -104,6 +106,119 @@ def test_push_restores_files_changed_on_robot(field: Field, capsys: pytest.Captu
     assert field.deploy("push", "--json") == 0
     assert result(capsys)["robots"]["robot1"]["files"] == 1
     assert manifest(field.prefix("robot1") / "incoming") == manifest(field.bundles / "robot1")
+
+
+def test_file_changed_on_robot_is_restored(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    assert field.deploy("push") == 0
+    (field.prefix("robot1") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
+    capsys.readouterr()
+    assert field.deploy("push", "--json") == 0
+    robots = result(capsys)["robots"]
+    assert (robots["robot1"]["installed"], robots["robot1"]["restored"]) == (True, ["mission.toml"])
+    assert robots["robot2"]["installed"] is False
+    assert field.deploy("status") == 0
+
+
+def test_configuration_that_install_leaves_is_no_success(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    field.bundle("robot1", "r1", install=INSTALL + "echo '# another' >>$prefix/current/mission.toml\n")
+    assert field.deploy("push", "--only", "robot1") == 1
+    assert "FAILED  installed, but mission.toml on the robot is not as" in capsys.readouterr().out
+
+
+def test_machine_of_another_robot_needs_rename(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two addresses are mixed up: else two machines would be robot2, and none robot1."""
+    there = ["--prefix", str(field.prefix("robot1")), "--only", "robot2"]
+    assert field.deploy("push", "--only", "robot1") == 0
+    assert field.deploy("push", *there) == 1
+    assert "FAILED  this machine is robot1, not robot2: correct its address" in capsys.readouterr().out
+    version = field.prefix("robot1") / "current" / "VERSION.json"
+    assert json.loads(version.read_text())["robot"] == "robot1"
+    field.bundle("robot2", "r2")
+    assert field.deploy("push", *there, "--rename") == 0
+    assert json.loads(version.read_text())["robot"] == "robot2"
+    assert field.deploy("rollback", *there) == 1
+    assert "the release before is robot1's, not robot2's" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("facts", "why"),
+    [
+        ({"robot": "robot2"}, "is the bundle of robot2, not of robot1"),
+        (
+            {"certificate_until": "2020-01-01T00:00:00+00:00"},
+            "certificate of robot1 has expired on 2020-01-01",
+        ),
+        ({"mission_sha256": "0" * 64}, "mission.toml: was changed after the bundles were made"),
+    ],
+)
+def test_unfit_bundle_is_refused_before_anything_is_sent(
+    field: Field, facts: dict[str, str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    field.note("robot1", **facts)
+    assert field.deploy("push") == 2
+    assert why in capsys.readouterr().err
+    assert [field.current(name) for name in ROBOTS] == [None, None, None]
+
+
+def test_robot_missing_from_bundles_is_named(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    """`formation deploy bundle` was killed while it replaced the folders."""
+    listed = {"folders": [*ROBOTS, "robot4", "desk"]}
+    (field.bundles / "BUNDLE.json").write_text(json.dumps(listed), encoding="utf-8")
+    assert field.deploy("push") == 2
+    assert "robot4, desk missing" in capsys.readouterr().err
+
+
+def test_bundle_that_vanishes_fails_its_robot_alone(
+    field: Field, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def vanishing(bundle: fleets.Bundle, *rest: Any) -> None:
+        if bundle.robot == "robot2":
+            (bundle.folder / "mission.toml").unlink()
+        send(bundle, *rest)
+
+    monkeypatch.setattr("formation.deploy.fleet.push.send", vanishing)
+    assert field.deploy("push") == 1
+    output = capsys.readouterr().out
+    assert (
+        f"robot2  FAILED  {field.bundles / 'robot2' / 'mission.toml'} cannot be sent: No such file" in output
+    )
+    assert [field.current(name) for name in ROBOTS] == ["r1", None, "r1"]
+
+
+def test_answer_of_something_else_is_no_traceback(
+    field: Field, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other").mkdir()
+    with sshd(tmp_path / "other", f"ForceCommand echo '{on_robot.MARK}{{}}'") as other:
+        field.server = other
+        assert field.deploy("push") == 1
+        assert field.deploy("status") == 1
+    assert capsys.readouterr().out.count("its answer cannot be used: KeyError(") == 6
+
+
+def test_interrupted_push_names_robots_that_are_done(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet = fleets.read(flags().parse_args(field.words()), sudo=False)
+    stopped = threading.Event()
+
+    class Stopped(Ssh):
+        def stop(self) -> None:
+            stopped.set()
+
+    def one(robot: Robot) -> str:
+        if robot.name != "robot1":
+            if robot.name == "robot3":
+                _thread.interrupt_main()
+            assert stopped.wait(20.0)
+            raise RemoteError("interrupted")
+        return "done"
+
+    with pytest.raises(KeyboardInterrupt):
+        fleets.on_all(fleet._replace(ssh=Stopped(None, [], sudo=False)), one)
+    assert "done on robot1; not on robot2, robot3, or not known" in capsys.readouterr().err
 
 
 def test_unreachable_robot_is_named_and_others_are_installed(
@@ -266,9 +381,20 @@ def test_sudo_is_used_only_with_sudo_option(tmp_path: Path) -> None:
         options = [text for text in other.options if text != "--ssh-option"][2:]
         ssh = Ssh(other.options[1], options, sudo=True)
         with pytest.raises(RemoteError, match="sudo asks for a password"):
-            ssh.call(Robot("robot1", "127.0.0.1", str(tmp_path / "p")), "look", {})
+            ssh.call(
+                Robot("robot1", "127.0.0.1", str(tmp_path / "p")),
+                "look",
+                {"robot": "robot1", "rename": False},
+            )
         plain = Ssh(other.options[1], options, sudo=False)
-        assert plain.call(Robot("robot1", "127.0.0.1", str(tmp_path / "p")), "look", {})["files"] == {}
+        assert (
+            plain.call(
+                Robot("robot1", "127.0.0.1", str(tmp_path / "p")),
+                "look",
+                {"robot": "robot1", "rename": False},
+            )["files"]
+            == {}
+        )
 
 
 def mode(path: Path) -> int:
