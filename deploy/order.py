@@ -127,7 +127,9 @@ def stop(arguments: Sequence[str]) -> int:
 def found(here: Path) -> str:
     """Return the mission to stop if none is named. Raises Refusal if bundles of several are here."""
     desks = [here / DESK, *sorted(here.glob(f"*/{DESK}"))]
-    fleets = [str(desk.parent) for desk in desks if os.access(desk / MISSION_NAME, os.R_OK)]
+    readable = [desk for desk in desks if os.access(desk / MISSION_NAME, os.R_OK)]
+    # a link to one of them, such as `latest`, is no second fleet
+    fleets = list({os.path.realpath(desk): str(desk.parent) for desk in reversed(readable)}.values())[::-1]
     if len(fleets) > 1:
         raise Refusal(f"several fleets are here: formation stop {', or formation stop '.join(fleets)}")
     return fleets[0] if fleets else DEFAULT

@@ -58,6 +58,13 @@ def test_several_bundle_folders_are_refused_by_name(tmp_path: Path) -> None:
         found(tmp_path)
 
 
+def test_link_to_a_bundle_folder_is_no_second_fleet(tmp_path: Path) -> None:
+    """A stop must not be refused because of `latest`."""
+    folder = bundles(tmp_path / "field_3")
+    (tmp_path / "latest").symlink_to(folder.parent if folder.name == DESK else folder)
+    assert Path(found(tmp_path)).resolve() == (tmp_path / "field_3").resolve()
+
+
 def test_bundle_folder_is_accepted_as_mission(tmp_path: Path) -> None:
     folder = bundles(tmp_path / "six_robots")
     assert file_of(folder) == file_of(folder / DESK) == folder / DESK / MISSION_NAME
