@@ -165,11 +165,11 @@ def changes(mission: Mission, places: Places) -> Iterator[Change]:
 def positions(path: Path, mission: Mission) -> dict[str, complex]:
     """Read robots' positions [m; world frame] from JSON such as {"robot1": [0.4, -1.2]}. Raises Refusal."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_once)
     except OSError as error:
         raise Refusal(f"--positions {path}: {error.strerror}") from None
     except ValueError as error:
-        raise Refusal(f"--positions {path}: not JSON: {error}") from None
+        raise Refusal(f"--positions {path}: not JSON that can be used: {error}") from None
     except RecursionError:
         raise Refusal(f"--positions {path}: lists or objects a thousand deep") from None
     if not isinstance(data, dict):
@@ -185,6 +185,16 @@ def positions(path: Path, mission: Mission) -> dict[str, complex]:
                 f"two numbers from {-MAX_COORDINATE} to {MAX_COORDINATE} in metres"
             )
     return {name: complex(*point) for name, point in data.items()}
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object read from JSON. Raises ValueError if a name is in it twice."""
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"{name} is given twice")
+        found[name] = value
+    return found
 
 
 def _is_point(value: Any) -> bool:
