@@ -265,7 +265,7 @@ if [ "$systemd" = yes ]; then
     rm -f "$unfinished"
 fi
 
-# The three used last are kept, those that the links name among them.
+# The three used last are kept, those that the links name among them; and those that run.
 before=$(readlink "$prefix/previous" 2>/dev/null || true)
 before=${before##*/}
 kept=1
@@ -273,6 +273,8 @@ kept=1
 # shellcheck disable=SC2045 # their names are ours: hexadecimal
 for name in $(ls -1t "$prefix/releases"); do
     case $name in "$release" | "$before") continue ;; esac
+    # not from under a process that has not been started again since (--no-restart)
+    if grep -qsF "$prefix/releases/$name/" /proc/[0-9]*/maps; then continue; fi
     if [ "$kept" -lt 3 ] && whole "$prefix/releases/$name"; then
         kept=$((kept + 1))
     else

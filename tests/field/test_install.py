@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import mmap
 import os
 import signal
 import stat
@@ -117,6 +118,19 @@ def test_install_switches_release_and_keeps_three(make_bundle: MakeBundle, tmp_p
     assert install(bundles[1], prefix, "--no-systemd").returncode == 0  # back to a release that was kept
     assert current(prefix) == names[1]
     assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
+
+
+def test_release_that_runs_is_kept(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    """As after several installations with --no-restart: its process may import more."""
+    prefix, runs = tmp_path / "prefix", make_bundle("one")
+    assert install(runs, prefix, "--no-systemd").returncode == 0
+    library = prefix / "releases" / release(runs) / "mission.toml"
+    with library.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ):
+        for name in ("two", "three", "four"):
+            assert install(make_bundle(name), prefix, "--no-systemd").returncode == 0
+        assert library.exists()
+    assert install(make_bundle("five"), prefix, "--no-systemd").returncode == 0
+    assert not library.exists()
 
 
 def test_interrupted_install_is_not_used_and_is_repeated(make_bundle: MakeBundle, tmp_path: Path) -> None:
