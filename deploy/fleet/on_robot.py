@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 MARK = "formation-answer: "
 INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
+UNFINISHED = ".unfinished"  # the file that stands while the current release's units are yet to be started
 INSTALLED = ".installed"  # the file that names the completely installed release
 CONFIGURATION = (
     "mission.toml",
@@ -56,7 +57,7 @@ class Refused(Exception):  # noqa: N818 - the request fails; the text gives the 
 
 
 def look(prefix: Path, request: Answer) -> Answer:
-    """Return the mirror's content, the current and the complete releases, and the free space [bytes]."""
+    """Return the mirror's content, the current and the complete release, and the free space [bytes]."""
     _refuse_other_robot(prefix, request)
     incoming = prefix / INCOMING
     files = {}
@@ -68,6 +69,7 @@ def look(prefix: Path, request: Answer) -> Answer:
     return {
         "files": files,
         "release": _release(prefix / CURRENT),
+        "made": _json(prefix / CURRENT / VERSION).get("made"),
         "installed": done.read_text(encoding="utf-8") if done.is_file() else None,
         "configuration": _configuration(prefix / CURRENT),
         "free": shutil.disk_usage(str(disk)).free,
@@ -83,16 +85,17 @@ def receive(prefix: Path, request: Answer) -> Answer:
     incoming.mkdir(parents=True, exist_ok=True)
     incoming.chmod(0o700)
     with _only_one(prefix, PUSHING):
-        _refuse_other_robot(prefix, request)
-        _take(incoming, wanted, sys.stdin.buffer)
-        for path in _files(incoming):
-            if _name(incoming, path) not in wanted:
-                path.unlink()
-        for name, facts in wanted.items():
-            path = incoming / name
-            if not path.is_file() or _facts(path)[0] != facts[0]:
-                raise Refused(f"{name} did not arrive as it was sent")
-            path.chmod(facts[1])
+        with _only_one(prefix, INSTALLING):  # one that a killed push left may still read the mirror
+            _refuse_other_robot(prefix, request)
+            _take(incoming, wanted, sys.stdin.buffer)
+            for path in _files(incoming):
+                if _name(incoming, path) not in wanted:
+                    path.unlink()
+            for name, facts in wanted.items():
+                path = incoming / name
+                if not path.is_file() or _facts(path)[0] != facts[0]:
+                    raise Refused(f"{name} did not arrive as it was sent")
+                path.chmod(facts[1])
         (prefix / INSTALLED).unlink(missing_ok=True)
         code = _install(incoming, request["install"])
         if code == 0:
@@ -116,9 +119,13 @@ def rollback(prefix: Path, request: Answer) -> Answer:
         target = (prefix / PREVIOUS).readlink()
         new = prefix / f".{CURRENT}.{os.getpid()}"
         new.symlink_to(target, target_is_directory=True)
+        if request["restart"]:
+            (prefix / UNFINISHED).touch()
         new.replace(prefix / CURRENT)
         (prefix / PREVIOUS).unlink()
         output = _restart(prefix) if request["restart"] else ""
+        if not output and (prefix / UNFINISHED).exists():
+            (prefix / UNFINISHED).unlink()
     return {"left": left, "release": back, "restart": output}
 
 

@@ -59,6 +59,10 @@ class Pushed(NamedTuple):
     """False if the release was already there and current."""
     restored: tuple[str, ...] = ()
     """Files of the release that had been changed on the robot."""
+    replaced: str | None = None
+    """Release that was current before; None if there was none, or the same."""
+    newer: str | None = None
+    """When the replaced release was made, if that was after this one; None else."""
 
 
 class View:
@@ -267,7 +271,9 @@ def push(
         raise RemoteError("disk full" if full else f"install failed ({how})", lines[-LAST_LINES:])
     if differing := bundle.differing(robot.prefix, answer["configuration"]):
         raise RemoteError(f"installed, but {', '.join(differing)} on the robot is not as in the bundle")
-    return Pushed(bundle.release, len(missing), total, installed=True, restored=restored)
+    before, made = (there["release"], there["made"]) if there["release"] != bundle.release else (None, None)
+    newer = made if made and str(made) > str(bundle.version.get("made", made)) else None
+    return Pushed(bundle.release, len(missing), total, True, restored, before, newer)
 
 
 def manifest(folder: Path) -> dict[str, tuple[str, int]]:
@@ -313,7 +319,11 @@ def _pushed(result: Pushed) -> Sequence[str]:
         return (f"{result.release}  up to date, not touched",)
     sent = f"{result.files} files, {size(result.bytes)} sent" if result.files else "nothing to send"
     restored = f"; restored {', '.join(result.restored)}, changed there" if result.restored else ""
-    return (f"{result.release}  installed; {sent}{restored}",)
+    was = f" (was {result.replaced})" if result.replaced else ""
+    lines = [f"{result.release}  installed{was}; {sent}{restored}"]
+    if result.newer:
+        lines.append(f"  NOTE: what it replaces is newer, made {result.newer}; is this the right folder?")
+    return lines
 
 
 def _rolled_back(result: Mapping[str, Any]) -> Sequence[str]:

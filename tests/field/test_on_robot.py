@@ -68,6 +68,7 @@ def test_rollback_restores_and_starts_previous_units(
     assert robot.calls[-2] == "systemctl daemon-reload"
     assert robot.calls[-1] == f"systemctl restart {AGENT} {WATCHDOG}"
     assert not (robot.prefix / "previous").is_symlink()
+    assert not (robot.prefix / ".unfinished").exists()
 
 
 def test_rollback_does_not_start_agent_without_bringup(
@@ -107,6 +108,7 @@ def test_rollback_without_restart_calls_no_service(robot: Robot, capsys: pytest.
 def test_rollback_reports_units_that_do_not_start(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     robot.systemctl('[ "$1" != restart ] || { echo "Job failed, see journalctl"; exit 1; }')
     assert robot.ask("rollback", capsys, restart=True)["restart"] == "Job failed, see journalctl"
+    assert (robot.prefix / ".unfinished").exists(), "the next push starts them"
 
 
 def test_status_reports_systemd_and_journal_of_units(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import fcntl
 import json
 import os
 import stat
@@ -127,6 +128,25 @@ def test_configuration_that_install_leaves_is_no_success(
     assert "FAILED  installed, but mission.toml on the robot is not as" in capsys.readouterr().out
 
 
+def test_push_of_an_older_bundle_is_noted(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another desk has pushed meanwhile."""
+    made = "2026-06-01T12:00:00+00:00", "2026-06-01T13:00:00+00:00"
+    field.note("robot1", made=made[1])
+    assert field.deploy("push") == 0
+    field.bundle("robot1", "r0")
+    field.note("robot1", made=made[0])
+    capsys.readouterr()
+    assert field.deploy("push") == 0
+    output = capsys.readouterr().out
+    assert "robot1  r0  installed (was r1); " in output
+    assert f"NOTE: what it replaces is newer, made {made[1]}" in output
+    field.bundle("robot1", "r2")
+    field.note("robot1", made=made[1])
+    assert field.deploy("push", "--json") == 0
+    robot = result(capsys)["robots"]["robot1"]
+    assert (robot["replaced"], robot["newer"]) == ("r0", None)
+
+
 def test_machine_of_another_robot_needs_rename(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
     """Two addresses are mixed up: else two machines would be robot2, and none robot1."""
     there = ["--prefix", str(field.prefix("robot1")), "--only", "robot2"]
@@ -168,6 +188,20 @@ def test_robot_missing_from_bundles_is_named(field: Field, capsys: pytest.Captur
     (field.bundles / "BUNDLE.json").write_text(json.dumps(listed), encoding="utf-8")
     assert field.deploy("push") == 2
     assert "robot4, desk missing" in capsys.readouterr().err
+
+
+def test_mirror_stays_while_an_installation_reads_it(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The robot's side of an earlier push was killed, and its install.sh lives on."""
+    assert field.deploy("push", "--only", "robot1") == 0
+    before = manifest(field.prefix("robot1") / "incoming")
+    field.bundle("robot1", "r2")
+    with (field.prefix("robot1") / ".install.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert field.deploy("push", "--only", "robot1") == 1
+    assert "another installation is running on this robot" in capsys.readouterr().out
+    assert manifest(field.prefix("robot1") / "incoming") == before
 
 
 def test_bundle_that_vanishes_fails_its_robot_alone(
@@ -403,7 +437,5 @@ def mode(path: Path) -> int:
 
 def until_unlocked(prefix: Path) -> None:
     """Wait until the robot's side of an interrupted push has ended."""
-    import fcntl
-
     with (prefix / ".lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
