@@ -70,7 +70,7 @@ def look(prefix: Path, request: Answer) -> Answer:
         "files": files,
         "release": _release(prefix / CURRENT),
         "made": _json(prefix / CURRENT / VERSION).get("made"),
-        "installed": done.read_text(encoding="utf-8") if done.is_file() else None,
+        "installed": done.read_text(encoding="utf-8", errors="replace") if done.is_file() else None,
         "configuration": _configuration(prefix / CURRENT),
         "free": shutil.disk_usage(str(disk)).free,
     }
@@ -87,10 +87,8 @@ def receive(prefix: Path, request: Answer) -> Answer:
     with _only_one(prefix, PUSHING):
         with _only_one(prefix, INSTALLING):  # one that a killed push left may still read the mirror
             _refuse_other_robot(prefix, request)
+            _purge(incoming, wanted)
             _take(incoming, wanted, sys.stdin.buffer)
-            for path in _files(incoming):
-                if _name(incoming, path) not in wanted:
-                    path.unlink()
             for name, facts in wanted.items():
                 path = incoming / name
                 if not path.is_file() or _facts(path)[0] != facts[0]:
@@ -178,6 +176,15 @@ def _configuration(home: Path) -> Answer:
         except OSError:
             found[name] = None
     return found
+
+
+def _purge(incoming: Path, wanted: Answer) -> None:
+    """Remove what is not in the list, and what is no file: links, pipes."""
+    for root, folders, names in os.walk(str(incoming)):
+        for path in (Path(root) / name for name in (*folders, *names)):
+            stays = path.name in folders or (path.is_file() and _name(incoming, path) in wanted)
+            if path.is_symlink() or not stays:
+                path.unlink()
 
 
 def _take(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
@@ -333,9 +340,11 @@ def _only_one(prefix: Path, name: str) -> Iterator[None]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
+    """Yield the regular files in a folder."""
     for root, _, names in os.walk(str(folder)):
-        for name in names:
-            yield Path(root) / name
+        for path in (Path(root) / name for name in names):
+            if path.is_file() and not path.is_symlink():
+                yield path
 
 
 def _name(folder: Path, path: Path) -> str:

@@ -6,6 +6,7 @@ import _thread
 import fcntl
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -202,6 +203,22 @@ def test_mirror_stays_while_an_installation_reads_it(
         assert field.deploy("push", "--only", "robot1") == 1
     assert "another installation is running on this robot" in capsys.readouterr().out
     assert manifest(field.prefix("robot1") / "incoming") == before
+
+
+def test_mirror_with_links_and_damaged_files_is_repaired(field: Field) -> None:
+    """A file system that was repaired after a power cut, or a hand in it."""
+    assert field.deploy("push", "--only", "robot1") == 0
+    mirror = field.prefix("robot1") / "incoming"
+    shutil.rmtree(mirror / "wheels")
+    (mirror / "wheels").write_text("a file where a folder belongs", encoding="utf-8")
+    (mirror / "robot.key").unlink()
+    (mirror / "robot.key").symlink_to("nowhere")
+    (mirror / "units").symlink_to("/etc")
+    os.mkfifo(mirror / "pipe")
+    (field.prefix("robot1") / ".installed").write_bytes(b"\xff\xfe")
+    assert field.deploy("push", "--only", "robot1") == 0
+    assert manifest(mirror) == manifest(field.bundles / "robot1")
+    assert not [path for path in mirror.rglob("*") if path.is_symlink() or path.is_fifo()]
 
 
 def test_bundle_that_vanishes_fails_its_robot_alone(
