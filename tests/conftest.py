@@ -4,7 +4,7 @@
     pytest --all            every test: slow ones, all processes, hypothesis with all its examples
     pytest tests/field      everything in a folder or a file that is named
 
-Tests of real processes run folder by folder beside unit tests, as they wait most of the time. One of them
+Tests of real processes run one after another beside unit tests, as they wait most of the time. One of them
 that fails while the machine stood still is run again, and the summary names it.
 """
 
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 
 WITH_PROCESSES = ("tests/processes/", "tests/field/")
 """Folders of tests that start processes, open sockets or wait for the wall clock."""
-WAITING_WORKERS = 2
-"""With --all, workers besides one for each core: for tests with processes."""
-UNIT_NICENESS = 10
+WAITING_WORKERS = 1
+"""With --all, workers besides one for each core: for tests with processes, one after another. Two of them at
+a time failed tests of attacks, which measure what a robot does meanwhile."""
+UNIT_NICENESS = 19
 """How much the other workers then give way: slowness fails no unit test."""
 MAX_RUNS_IN_STALLS = 3
 """How often a test with processes is run that fails each time while the machine stands still."""

@@ -31,7 +31,7 @@ def reason(code: Code, **values: float) -> Reason:
 
 
 OUTSIDE = Reason.of(Code.OUTSIDE_BOUNDS, axis="x", value=31.2, limit=25.0)
-SEARCHING = Reason.of(Code.SIGHT_SEARCHING, robots=("robot2",), count=3, limit=5)
+SEARCHING = Reason.of(Code.SIGHT_SEARCHING, robots=("robot2",), count=3, limit=5, unplaced=())
 LATE = Reason.of(Code.RELATIVE_LATE, robot="robot3", age=1.0, limit=0.18)
 OTHER_MISSION = (
     "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)"
