@@ -246,13 +246,14 @@ class Localisation:
         elif order.place is not None:
             self.state.estimate = rotation(order.place.heading)
 
-    def align(self, position: complex, heading: complex) -> None:
+    def align(self, position: complex, heading: complex, elapsed: float | None = None) -> None:
         """Move the odometry's placement towards a better pose [m; unit] of its newest message, slowly.
 
-        It takes effect with the next message.
+        `elapsed` [s] since the last call, by default a period. It takes effect with the next message.
         """
         if isinstance(self._source, OdometrySource):
-            step, turn = self._source.align(position, heading, self._period)
+            elapsed = self._period if elapsed is None else elapsed
+            step, turn = self._source.align(position, heading, elapsed)
             self.state.position += step
             if self._observer.start is None:  # else the estimate is not only a heading
                 self.state.estimate *= turn
@@ -308,14 +309,15 @@ class Localisation:
             state.jumped, state.calm = jump, 0.0
             state.jumps += 1
 
-    def _follow_map(self) -> None:
-        """Move towards the newest placement, if there is a localiser."""
+    def _follow_map(self, over: float | None) -> None:
+        """Move towards the newest placement, if there is a localiser, `over` [s] after the last message."""
         frame, source = self.map_frame, self._source
         if frame is None or frame.state.placement is None or not isinstance(source, OdometrySource):
             return
         placement, last = frame.state.placement, source.state.last
         if last is not None:
-            self.align(placement.of(last.position), placement.rotation * last.heading)
+            elapsed = None if over is None else min(over, self.stream.limit)
+            self.align(placement.of(last.position), placement.rotation * last.heading, elapsed)
 
     def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate, over: float | None) -> None:
         """Record odometry, with which the localiser's poses of earlier moments are compared.
@@ -359,7 +361,7 @@ class Localisation:
         elapsed = self.stream.admit(message.stamp, arrived, now)
         state.before = None if before is None else (stamped, self.point, self.heading)
         over = elapsed if elapsed is not None or before is None else arrived - before
-        self._follow_map()
+        self._follow_map(over)
         speed_before = self._odometry_speed
         seen = self._update_of(message, over, now)
         self._map_passed(message, seen, over)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from formation.agent.core import Agent
 from formation.agent.persistence.state import Codec
+from formation.agent.pose.estimator import Localisation
 from formation.agent.pose.map_frame import (
     AGREEMENT_TIME,
     HISTORY_TIME,
@@ -27,6 +28,8 @@ from formation.agent.pose.map_frame import (
     MapFrameState,
     Placement,
 )
+from formation.agent.pose.sources import MAX_ALIGN_SPEED
+from formation.control.laws import LAWS
 from formation.control.plane import unit
 from formation.control.unicycle import AT_REST
 from formation.protocol.reasons import Code, Reason
@@ -466,3 +469,22 @@ def test_first_pose_places_odometry_of_the_same_step(odometry_first: bool) -> No
             assert (agent.decision.reason, agent.command) == (Reason(Code.NOT_LOCALISED), AT_REST)
     assert len(published) == 5
     assert max(abs(one.position - (3.0 - 2.0j)) for one in published) < 1e-9
+
+
+@pytest.mark.parametrize("rate", [10.0, 20.0, 50.0, 200.0])
+def test_odometry_of_any_rate_follows_the_localiser_within_the_speed_limit(rate: float) -> None:
+    here, way, before = Localisation(PAIR, "robot1", LAWS["field"]), [], None
+    for number in range(round(4.0 * rate)):
+        time = 10.0 + number / rate
+        here.update_pose(Odometry(EPOCH + time, 0j, 1.0 + 0.0j, 0.0, 0.0, frame="odom"), time, at(time))
+        if number % round(rate / 5.0) == 1:
+            off = 0j if time < 12.0 else 0.1 + 0.0j
+            pose = MapPose(EPOCH + time, 3.0 + off, 1.0 + 0.0j, 0.02, 0.02)
+            here.handlers[AMCL_POSE.key("robot1")](
+                Sample(AMCL_POSE.key("robot1"), encode(pose), None, time), at(time)
+            )
+        if before is not None and time > 11.0:
+            way.append(abs(here.state.position - before))
+        before = here.state.position
+    assert 0.05 < sum(way) <= 0.1
+    assert max(way) * rate <= MAX_ALIGN_SPEED * 1.01
