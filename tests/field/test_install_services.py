@@ -94,7 +94,7 @@ def test_units_are_installed_and_started_with_own_user(make_bundle: MakeBundle, 
 
 
 def test_units_of_earlier_role_are_ended(make_bundle: MakeBundle, host: Host) -> None:
-    """An agent whose machine is now the leader's; the one of another prefix stays."""
+    """The agent of a machine that has become the leader's ends; that of another prefix stays."""
     host.active.touch()
     assert host.install(make_bundle("one")).returncode == 0
     old, leader = ("formation-agent.service", "formation-watchdog.service"), make_bundle("two", role="leader")
