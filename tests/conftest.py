@@ -28,7 +28,6 @@ from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
 from tests.support.needs import MARKS, missing
-from tests.support.workers import WORKER, WORKERS, begins_with_processes, cores
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -94,23 +93,21 @@ class StallWatch:
 
 
 class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
-    """Hand out unit tests file by file, to one worker those that compile; those with processes by folder.
+    """Hand out unit tests file by file, to one worker those that compile, and to one those with processes.
 
-    The last workers begin with tests with processes, which wait most of the time.
+    Those with processes wait most of the time, so the last worker begins with them.
     """
 
     def _assign_work_unit(self, node: WorkerController) -> None:
-        number = int(node.gateway.id.removeprefix("gw"))
-        wanted = begins_with_processes(number, self.numnodes)
-        fitting = (scope for scope in self.workqueue if _has_processes(f"{scope}/") == wanted)
-        if (scope := next(fitting, None)) is not None:
-            self.workqueue.move_to_end(scope, last=False)
+        if "processes" in self.workqueue:
+            is_last = node.gateway.id == f"gw{self.numnodes - 1}"
+            self.workqueue.move_to_end("processes", last=not is_last)
         super()._assign_work_unit(node)
 
     def _split_scope(self, nodeid: str) -> str:
-        path = nodeid.partition("::")[0]
         if _has_processes(nodeid):
-            return path.rpartition("/")[0]
+            return "processes"
+        path = nodeid.partition("::")[0]
         return "simulations" if _compiles(path) else path
 
 
@@ -123,7 +120,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Choose how many examples hypothesis tries, unless the command line did, and which workers go first."""
-    if cores() < WORKERS and not begins_with_processes(WORKER, WORKERS):
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if workers > _cores() and os.environ["PYTEST_XDIST_WORKER"] != f"gw{workers - 1}":
         os.nice(UNIT_NICENESS)
     if not config.getoption("--hypothesis-profile"):
         settings.load_profile("thorough" if config.getoption("--all") else "quick")
@@ -134,7 +132,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     if any(argument.partition("::")[0].endswith(".py") for argument in config.args):
         return 0
     only_units = all(Path(argument).is_relative_to("tests/unit") for argument in config.args)
-    return cores() + (WAITING_WORKERS if config.getoption("--all") and not only_units else 0)
+    return _cores() + (WAITING_WORKERS if config.getoption("--all") and not only_units else 0)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
@@ -196,6 +194,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             for name, text in report.user_properties:
                 if name == STALLED and report.when == "call":
                     terminalreporter.line(f"RUN AGAIN {report.nodeid}: {text}; then it {outcome}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache

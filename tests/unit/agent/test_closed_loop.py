@@ -36,7 +36,7 @@ AT_REST = (0.0, 0.0)
 @pytest.mark.parametrize("name", shipped())
 def test_shipped_missions_come_into_formation(name: str) -> None:
     mission = load(name)
-    fleet = Fleet(mission).after(min(mission.duration, 50.0))
+    fleet = Fleet(mission).after(mission.duration)
     bounds = {"two_chains": 0.12, "turtlebot3_pair": 0.03, "convoy": 0.06}
     assert fleet.error() < bounds.get(name, 0.01)
 
