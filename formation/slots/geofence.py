@@ -243,10 +243,13 @@ class Geofence:
         outside may come back: only moving further out counts.
         """
         turning, first = self._mission.turning, None
+        named = tuple(self._named(placed_shape))
         for begin, end in pairwise(_looks(route, since, heading)):
-            for what, slot in self._named(placed_shape):
-                before = begin.place + (slot * begin.heading if turning else slot)
+            for what, slot in named:
                 after = end.place + (slot * end.heading if turning else slot)
+                if self.area.contains(after, self.clearance):
+                    continue  # it crosses no limit outwards
+                before = begin.place + (slot * begin.heading if turning else slot)
                 for at, breach in self._crossed(before, after, what):
                     time = begin.time + at * (end.time - begin.time)
                     if first is None or time < first.time:
@@ -287,13 +290,13 @@ def _looks(route: Route, since: float, heading: complex | None = None) -> Iterat
     for begin, arc in zip(route.begins, route.arcs, strict=True):
         if begin + arc.duration <= since:
             continue
-        for look in _arc_looks(arc, begin, max(since - begin, 0.0)):
-            if heading is not None and look.heading != heading:
-                turn = cmath.phase(look.heading / heading)
-                for part in range(CORNER_SAMPLES):
-                    yield look._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))
-            yield look
-            heading = look.heading
+        looks = tuple(_arc_looks(arc, begin, max(since - begin, 0.0)))
+        if heading is not None and looks[0].heading != heading:
+            turn = cmath.phase(looks[0].heading / heading)
+            for part in range(CORNER_SAMPLES):
+                yield looks[0]._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))
+        yield from looks
+        heading = looks[-1].heading
 
 
 def _arc_looks(arc: Arc, begin: float, since: float) -> Iterator[_Look]:
