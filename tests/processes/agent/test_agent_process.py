@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from formation.agent.__main__ import main
 from formation.mission.file import parse, read
 from formation.mission.model import Mission
 from formation.protocol import json_message
@@ -147,36 +148,18 @@ def test_readonly_agent_sends_no_commands_to_robot(scene: Scene) -> None:
     assert "readonly" in newest.message
 
 
-def test_agent_starts_without_robot_and_reports_link(scene: Scene) -> None:
+def test_agent_starts_without_robot_and_reports_link(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    naming = Naming.of(scene.mission.robots, ["robot2"])
     with scene.agent(), scene.fleet():
         until(lambda: scene.in_fleet.received[STATUS] > 0)
         assert scene.link() == "not_connected"
-        with scene.robot() as robot:
-            until(lambda: scene.link() == "connected")
-            scene.publish_odometry(robot, 2)
+        with RobotBus((scene.robot_end,), naming, Mailbox(), mode="router"):  # no subscriber of cmd_vel
+            until(lambda: scene.link() == "no_listener")
         until(lambda: scene.link() == "not_connected")
         with scene.robot() as robot:
             until(lambda: scene.link() == "connected")
             scene.publish_odometry(robot, 2)
-
-
-def test_status_reports_no_listener_without_cmd_vel_subscriber(tmp_path: Path) -> None:
-    scene = Scene(tmp_path)
-    naming = Naming.of(scene.mission.robots, ["robot2"])
-    with (
-        RobotBus((scene.robot_end,), naming, Mailbox(), mode="router"),
-        scene.agent(),
-        scene.fleet(),
-    ):
-        until(lambda: scene.link() == "no_listener")
-
-
-def test_agent_answers_stop_request_on_fleet_bus(tmp_path: Path) -> None:
-    scene = Scene(tmp_path)
-    with scene.agent(), scene.fleet() as bus:
-        until(lambda: scene.in_fleet.received[STATUS] > 0)
-        (reply,) = bus.ask("robot2/order", b'{"do":"stop"}', timeout=PATIENCE)
-        assert json_message.decode(OperatorReply, reply.payload).mode == "stop"
 
 
 def test_stop_survives_killed_agent_until_its_release(tmp_path: Path) -> None:
@@ -216,14 +199,12 @@ def test_status_reports_another_agent_of_same_robot(tmp_path: Path) -> None:
         until(reported_other_agent)
 
 
-def test_second_agent_for_same_robot_ends_with_error(tmp_path: Path) -> None:
-    scene = Scene(tmp_path)
-    with (
-        scene.agent(),
-        started("formation.agent", str(scene.file), "--robot", "robot2", "-l", scene.agent_end) as second,
-    ):
-        assert second.wait() == 2
-        assert second.errors == (
-            f"robot2: cannot listen on {scene.agent_end}: the address is in use;"
-            " is there a second agent robot2 on this machine?\n"
-        )
+def test_second_agent_for_same_robot_ends_with_error(
+    endpoint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Bus(BusConfig(listen=(endpoint,))):
+        assert main(["six_robots", "--robot", "robot2", "-l", endpoint]) == 2
+    assert capsys.readouterr().err == (
+        f"robot2: cannot listen on {endpoint}: the address is in use;"
+        " is there a second agent robot2 on this machine?\n"
+    )

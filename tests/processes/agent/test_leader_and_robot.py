@@ -1,35 +1,25 @@
-"""Leader and simulated robots as processes: how they end, and how they refuse bad input."""
+"""Leader and simulated robots as processes: how they end with their parent, and how they refuse bad input."""
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
 
 import pytest
 
-from tests.processes.agent.leader_and_robot import leader
-from tests.support.child import free_endpoint, started
+from formation.agent.simulated.__main__ import main as robot_main
+from formation.leader.__main__ import main as leader_main
+from formation.transport.bus import Bus, BusConfig
+from tests.support.child import free_endpoint
 
 pytestmark = pytest.mark.processes
+Main = Callable[[Sequence[str]], int]
+MODULES = ("formation.leader", "formation.agent.simulated")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("module", ["formation.leader", "formation.agent.simulated"])
-def test_signal_ends_process_with_summary_and_exit_0(module: str, number: signal.Signals) -> None:
-    with started(module, "six_robots", "-l", free_endpoint()) as child:
-        child.event("ready")
-        took = child.signal(number)
-        summary = child.event("summary")
-        assert child.wait() == 0
-    assert took < 5.0
-    assert summary["process"] in {"leader robot1", "robots"}
-    assert summary["dropped"] == {"overflowed": 0}
-    assert number.name in child.errors
-
-
-@pytest.mark.parametrize("module", ["formation.leader", "formation.agent.simulated"])
+@pytest.mark.parametrize("main", [leader_main, robot_main])
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
@@ -38,36 +28,39 @@ def test_signal_ends_process_with_summary_and_exit_0(module: str, number: signal
         (["six_robots", "--cfg", "lease"], "must be PATH:VALUE"),
     ],
 )
-def test_bad_input_prints_one_line_and_exits_2(module: str, arguments: list[str], why: str) -> None:
-    with started(module, *arguments) as child:
-        assert child.wait() == 2
-        assert child.errors.count("\n") == 1
-        assert why in child.errors
+def test_bad_input_prints_one_line_and_exits_2(
+    main: Main, arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert why in printed.err
 
 
-def test_endpoint_in_use_is_named_in_error() -> None:
-    end = free_endpoint()
-    with leader(end), started("formation.leader", "six_robots", "-l", end) as second:
-        assert second.wait() == 2
-        assert second.errors == (
-            f"leader: cannot listen on {end}: the address is in use;"
-            " is there a second leader robot1 on this machine?\n"
-        )
+def test_endpoint_in_use_is_named_in_error(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with Bus(BusConfig(listen=(endpoint,))):
+        assert leader_main(["six_robots", "-l", endpoint]) == 2
+    assert capsys.readouterr().err == (
+        f"leader: cannot listen on {endpoint}: the address is in use;"
+        " is there a second leader robot1 on this machine?\n"
+    )
 
 
-@pytest.mark.parametrize("module", ["formation.leader", "formation.agent.simulated"])
-def test_process_ends_when_parent_is_killed(module: str) -> None:
+def test_processes_end_when_parent_is_killed() -> None:
+    commands = [["-m", module, "six_robots", "-l", free_endpoint()] for module in MODULES]
     parent = (
         "import os, subprocess, sys, time\n"
-        f"argv = [sys.executable, '-m', '{module}', 'six_robots', '-l', '{free_endpoint()}']\n"
-        "subprocess.Popen([*argv, '--parent', str(os.getpid())], stderr=subprocess.DEVNULL)\n"
+        f"for words in {commands}:\n"
+        "    argv = [sys.executable, *words, '--parent', str(os.getpid())]\n"
+        "    subprocess.Popen(argv, stderr=subprocess.DEVNULL)\n"
         "time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", parent], stdout=subprocess.PIPE, text=True) as between:
         assert between.stdout is not None
-        assert '"ready"' in between.stdout.readline()
+        assert all('"ready"' in between.stdout.readline() for _ in commands)
         between.kill()
         killed = time.monotonic()
-        rest = between.stdout.read()  # returns when the pipe is closed: the child has ended, too
-    assert '"summary"' in rest
+        rest = between.stdout.read()  # returns when the pipe is closed: the children have ended, too
+    assert rest.count('"summary"') == len(commands)
     assert time.monotonic() - killed < 5.0

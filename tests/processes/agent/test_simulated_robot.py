@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from formation.agent.simulated.__main__ import main
 from formation.mission.file import read
 from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
 from formation.topics import CMD_VEL, GROUND_TRUTH
@@ -19,6 +20,7 @@ from tests.support.zenoh_admin import inspect
 from tests.unit.leader.leading import relayed
 
 pytestmark = pytest.mark.processes
+TWO = ("--robot", "robot2", "--robot", "robot3")
 
 
 def test_simulated_robot_moves_and_stops_as_commanded() -> None:
@@ -32,33 +34,28 @@ def test_simulated_robot_moves_and_stops_as_commanded() -> None:
         moving = received(box, lambda samples: newest_speed_is(samples, 0.5) and len(samples) >= 40)
         bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.0)))
         stopped = newest_odometry(received(box, lambda samples: newest_speed_is(samples, 0.0)))
-        child.signal(signal.SIGTERM)
+        for invalid in (
+            b"\x00\x01\x00\x00 and too short",
+            encode(Twist(0.5, 0.0)).replace(b"\xe0\x3f", b"\xf8\x7f"),  # not a number
+        ):
+            bus.publish("robot2/cmd_vel", invalid)
+        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # sent last: then all have arrived
+        turning = received(box, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
+        assert child.signal(signal.SIGTERM) < 5.0
+        assert child.wait() == 0
         summary = child.event("summary")
+    assert "SIGTERM" in child.errors
     fast = [one for one in map(odometry_of, moving) if one is not None and one.speed == 0.5]
     seconds, way = fast[-1].stamp - fast[0].stamp, fast[-1].position - fast[0].position
     assert way == pytest.approx(0.5j * seconds, abs=1e-4)
     assert stopped is not None
     assert stopped.position.imag > fast[-1].position.imag
-    assert summary["robot"]["received"] == {"robot2/cmd_vel": 2}
+    assert {one.speed for one in map(odometry_of, turning) if one} == {0.0}
+    assert summary["robot"]["received"] == {"robot2/cmd_vel": 5}
+    assert summary["dropped"] == {"robot2/cmd_vel": 2, "overflowed": 0}
     result = summary["robot"]["published"]
     assert result["robot2/odom"] == result["robot2/ground_truth"]
-    assert (summary["published"], summary["received"]) == ({}, {})
-
-
-def test_invalid_commands_move_nothing_and_are_counted() -> None:
-    end = free_endpoint()
-    with robot2(end) as child, agent_side(end, "robot2/odom") as (bus, box):
-        bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        received(box, has_odometry)
-        bus.publish("robot2/cmd_vel", b"\x00\x01\x00\x00 and too short")
-        bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)).replace(b"\xe0\x3f", b"\xf8\x7f"))
-        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # sent last: then all have arrived
-        turning = received(box, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
-        child.signal(signal.SIGTERM)
-        summary = child.event("summary")
-    assert odometry_of(turning[-1]) is not None
-    assert {one.speed for one in map(odometry_of, turning) if one} == {0.0}
-    assert summary["dropped"] == {"robot2/cmd_vel": 2, "overflowed": 0}
+    assert (summary["process"], summary["published"], summary["received"]) == ("robot robot2", {}, {})
 
 
 def test_simulated_sensor_measures_leader_of_another_process(tmp_path: Path) -> None:
@@ -107,19 +104,11 @@ def test_await_monitor_delays_publishing_until_monitor_subscribes() -> None:
     assert summary["robot"]["published"]["robot2/odom"] >= 4
 
 
-def test_unknown_robot_name_is_refused() -> None:
-    with started("formation.agent.simulated", "six_robots", "--robot", "robot9") as child:
-        assert child.wait() == 2
-        why = "robot 'robot9': must be a follower of six-robots: robot2, robot3, robot4, robot5, robot6"
-        assert child.errors == f"robot9: {why}\n"
-
-
 def test_robots_listen_on_one_endpoint_each_or_shared() -> None:
     ends = free_endpoint(), free_endpoint()
-    two = ("--robot", "robot2", "--robot", "robot3")
     for given in (ends, ends[:1]):
         listen = [word for end in given for word in ("-l", end)]
-        with started("formation.agent.simulated", "six_robots", *two, *listen) as child:
+        with started("formation.agent.simulated", "six_robots", *TWO, *listen) as child:
             child.event("ready")
             seen = [inspect(end).subscriptions for end in given]
         assert seen == (
@@ -127,27 +116,37 @@ def test_robots_listen_on_one_endpoint_each_or_shared() -> None:
             if len(given) == 2
             else [{"robot2/cmd_vel", "robot3/cmd_vel"}]
         )
-    words = [word for end in (*ends, free_endpoint()) for word in ("-l", end)]
-    with started("formation.agent.simulated", "six_robots", *two, *words) as child:
-        assert child.wait() == 2
-        why = "-l is given 3 times: must be once for all robots or once for each of robot2, robot3"
-        assert child.errors == f"robot2 robot3: {why}\n"
 
 
-def test_robots_without_namespace_cannot_share_an_endpoint(tmp_path: Path) -> None:
+def test_robots_without_namespace_cannot_share_an_endpoint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text, _ = read("six_robots")
     mission = tmp_path / "nameless.toml"
     mission.write_text(text.replace("rate = 20 ", 'rate = 20\nnamespace = "" '), encoding="utf-8")
-    two = ("--robot", "robot2", "--robot", "robot3")
     one, other = free_endpoint(), free_endpoint()
-    with started("formation.agent.simulated", str(mission), *two, "-l", one, "-l", other) as child:
+    with started("formation.agent.simulated", str(mission), *TWO, "-l", one, "-l", other) as child:
         child.event("ready")
         assert inspect(one).subscriptions == inspect(other).subscriptions == {"cmd_vel"}
-    with started("formation.agent.simulated", str(mission), *two, "-l", one) as child:
-        assert child.wait() == 2
-        assert child.errors.count("\n") == 1
-        assert one in child.errors
-        assert "needs another namespace" in child.errors
+    refusal = refused(capsys, str(mission), *TWO, "-l", one)
+    assert one in refusal
+    assert "needs another namespace" in refusal
+
+
+def test_unknown_robot_and_wrong_number_of_endpoints_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    why = "robot 'robot9': must be a follower of six-robots: robot2, robot3, robot4, robot5, robot6"
+    assert refused(capsys, "six_robots", "--robot", "robot9") == f"robot9: {why}\n"
+    words = [word for end in ("tcp/a:1", "tcp/a:2", "tcp/a:3") for word in ("-l", end)]
+    why = "-l is given 3 times: must be once for all robots or once for each of robot2, robot3"
+    assert refused(capsys, "six_robots", *TWO, *words) == f"robot2 robot3: {why}\n"
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Return the only line that is printed when simulated robots refuse their arguments."""
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    return printed.err
 
 
 def is_odometry(sample: Sample) -> bool:
@@ -172,8 +171,9 @@ def stamp(sample: Sample) -> float:
     return result.stamp
 
 
-def turn_rate(sample: Sample) -> float:
-    return decode(Odometry, sample.payload).turn_rate
+def turn_rate(sample: Sample) -> float | None:
+    odometry = odometry_of(sample)
+    return None if odometry is None else odometry.turn_rate
 
 
 def newest_odometry(samples: Sequence[Sample]) -> Odometry | None:

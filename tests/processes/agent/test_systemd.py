@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import threading
 import time
-from collections.abc import Iterator
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Self
 
 import pytest
 
@@ -17,7 +19,7 @@ from formation.topics import ODOM
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.runtime.process import MIN_REPORT_PERIOD
 from tests.processes.agent.test_agent_process import ODOM_KEY, Scene
-from tests.support.child import free_endpoint, started, until
+from tests.support.child import Child, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 
@@ -29,73 +31,72 @@ class Systemd:
         self.path, self.received = path, list[tuple[float, str]]()
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.socket.bind(str(path))
-        self.socket.settimeout(0.05)
+        self._receiver = threading.Thread(target=self._receive)
+        self._receiver.start()
 
-    def listen(self, seconds: float = 0.0) -> list[str]:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.shutdown(socket.SHUT_RDWR)
+        self._receiver.join()
+        self.socket.close()
+
+    def listen(self, seconds: float) -> list[str]:
         """Return the messages that arrive within `seconds`."""
-        end, before = time.monotonic() + seconds, len(self.received)
-        while time.monotonic() <= end:
-            try:
-                self.received.append((time.monotonic(), self.socket.recv(4096).decode()))
-            except TimeoutError:
-                continue
+        before = len(self.received)
+        time.sleep(seconds)
         return [text for _, text in self.received[before:]]
 
     def wait(self, text: str) -> None:
-        until(lambda: text in self.listen(0.05))
+        until(lambda: text in [received for _, received in self.received])
 
     def watchdog_period(self, number: int) -> float:
-        """Return the median period of the next `number` messages [s], which must all be WATCHDOG=1.
+        """Return the median period of `number` messages after READY=1 [s], which must all be WATCHDOG=1.
 
         The median, because late reception changes few of the periods.
         """
-        before = len(self.received)
-
-        def received_enough() -> bool:
-            self.listen(0.05)
-            return len(self.received) >= before + number
-
-        until(received_enough)
-        beats = self.received[before:]
+        self.wait("READY=1")
+        start = [text for _, text in self.received].index("READY=1") + 1
+        until(lambda: len(self.received) >= start + number)
+        beats = self.received[start : start + number]
         assert {text for _, text in beats} == {"WATCHDOG=1"}
         return median(later - earlier for (earlier, _), (later, _) in pairwise(beats))
 
-
-@pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
-    one = Systemd(tmp_path / "notify")
-    monkeypatch.setenv("NOTIFY_SOCKET", str(one.path))
-    yield one
-    one.socket.close()
+    def _receive(self) -> None:
+        while text := self.socket.recv(4096).decode():
+            self.received.append((time.monotonic(), text))
 
 
-@pytest.mark.parametrize(
-    ("module", "flags"),
-    [
-        ("formation.agent", []),
-        ("formation.agent", ["--await-monitor", "60"]),
-        ("formation.agent.watchdog", []),
-    ],
-    ids=["agent", "agent awaiting monitor", "watchdog"],
-)
-def test_process_notifies_systemd_of_ready_watchdog_and_stopping(
-    tmp_path: Path, systemd: Systemd, module: str, flags: list[str]
+def test_processes_notify_systemd_of_ready_watchdog_and_stopping(
+    tmp_path: Path, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = Scene(tmp_path)
-    links = ["--robot", "robot2", "--robot-connect", scene.robot_end]
-    if module == "formation.agent":
-        links += ["-l", scene.agent_end]
-    with started(module, str(scene.file), *links, *flags) as child:
-        systemd.wait("READY=1")
-        assert 0.9 * MIN_REPORT_PERIOD < systemd.watchdog_period(10) < 2.0 * MIN_REPORT_PERIOD
-        os.kill(child.process.pid, signal.SIGTERM)
+    scene, running = Scene(tmp_path), dict[str, tuple[Systemd, Child]]()
+    own = (str(scene.file), "--robot", "robot2", "--robot-connect", scene.robot_end)
+    for name, words in {
+        "agent": ("formation.agent", *own, "-l", free_endpoint()),
+        "agent awaiting monitor": ("formation.agent", *own, "-l", free_endpoint(), "--await-monitor", "60"),
+        "watchdog": ("formation.agent.watchdog", *own),
+    }.items():
+        systemd = stack.enter_context(Systemd(tmp_path / name))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(systemd.path))
+        running[name] = systemd, stack.enter_context(started(*words))
+    for name, (systemd, child) in running.items():
+        assert 0.9 * MIN_REPORT_PERIOD < systemd.watchdog_period(10) < 2.0 * MIN_REPORT_PERIOD, name
+        os.kill(child.pid, signal.SIGTERM)
         systemd.wait("STOPPING=1\nSTATUS=stopping: SIGTERM")
         assert child.wait() == 0
 
 
-def test_hanging_main_loop_sends_no_watchdog_notification(systemd: Systemd) -> None:
-    end = free_endpoint()
-    with started("tests.processes.agent.hanging", end) as child, Bus(BusConfig(connect=(end,))) as bus:
+def test_hanging_main_loop_sends_no_watchdog_notification(
+    tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    with (
+        Systemd(tmp_path / "notify") as systemd,
+        started("tests.processes.agent.hanging", endpoint) as child,
+        Bus(BusConfig(connect=(endpoint,))) as bus,
+    ):
         child.event("ready")
         bus.advertise(ODOM, ODOM_KEY)
         until(lambda: bus.watched(ODOM_KEY))

@@ -60,12 +60,35 @@ def zero_was_sent_for_parking_time(scene: Scene, zeros: list[float]) -> bool:
 
 
 @both_transports
-def test_watchdog_stops_robot_of_silent_agent_until_farewell(
-    scene: Scene,
-) -> None:
+def test_watchdog_stops_robot_of_silent_agent_until_farewell(scene: Scene) -> None:
     scene.robot()
-    scene.listen()
     watchdog = scene.watchdog()
+    wait_until_parked(watchdog)
+    _check_ending_agent_sends_farewell(scene, watchdog)
+    scene.listen()
+    _check_robot_of_silent_agent_is_stopped(scene, watchdog)
+    _check_once_replaces_missing_farewell(scene, watchdog)
+    log = log_after_end(watchdog)
+    assert "watching" in log
+    assert "THE AGENT IS SILENT" in log
+
+
+def _check_ending_agent_sends_farewell(scene: Scene, watchdog: Child) -> None:
+    links = ["-l", free_endpoint(), "-e", free_endpoint(), "--robot-connect", scene.endpoint]
+    began = time.time()
+    flags = [str(scene.file), "--robot", "robot2", *links]
+    with started("formation.agent", *flags, nice=NICE["formation.agent"]) as agent:
+        agent.event("ready")
+        until(lambda: len(scene.signs_of_life(began)) > 20)
+        agent.signal(signal.SIGTERM)
+        assert agent.event("summary")["robot"]["published"][LIFE] > 10
+    until(lambda: watchdog.log.rstrip().endswith(PARKED))
+    silent = watchdog.log.count("SILENT")
+    assert silent <= gaps(scene.signs_of_life(began)), "the farewell came too late or never"
+    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
+
+
+def _check_robot_of_silent_agent_is_stopped(scene: Scene, watchdog: Child) -> None:
     assert {one.speed for one in scene.drive(1.0, alive=True)} == {SPEED}
     silent = scene.drove
     assert scene.time_without_stalls(silent, scene.wait_for_standstill(silent).moment) < 0.4
@@ -76,7 +99,20 @@ def test_watchdog_stops_robot_of_silent_agent_until_farewell(
     assert scene.next_odometry().speed == 0.0
     assert zero_was_sent_for_parking_time(scene, scene.times_of_zero(left))
     assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}, "it cannot be driven by hand"
-    assert "THE AGENT IS SILENT" in log_after_end(watchdog)
+
+
+def _check_once_replaces_missing_farewell(scene: Scene, watchdog: Child) -> None:
+    scene.drive(1.0, alive=True)
+    scene.wait_for_standstill(scene.drove)
+    before = watchdog.log.count(PARKED)
+    once = scene.watchdog("--once")
+    published = once.event("summary")["robot"]["published"]
+    assert set(published) == {COMMAND, LIFE}
+    assert 1 < published[COMMAND] <= PARKING_TIME / PERIOD
+    assert published[LIFE] == 1
+    assert once.wait() == 0
+    wait_until_parked(watchdog, before + 1)
+    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
 
 
 def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
@@ -106,46 +142,6 @@ def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     assert {one.speed for one in scene.odometry(stood)} == {0.0}
 
 
-@both_transports
-def test_ending_agent_sends_farewell_and_allows_manual_driving(
-    scene: Scene,
-) -> None:
-    scene.robot()
-    watchdog = scene.watchdog()
-    wait_until_parked(watchdog)
-    links = ["-l", free_endpoint(), "-e", free_endpoint(), "--robot-connect", scene.endpoint]
-    began = time.time()
-    flags = [str(scene.file), "--robot", "robot2", *links]
-    with started("formation.agent", *flags, nice=NICE["formation.agent"]) as agent:
-        agent.event("ready")
-        until(lambda: len(scene.signs_of_life(began)) > 20)
-        agent.signal(signal.SIGTERM)
-        assert agent.event("summary")["robot"]["published"][LIFE] > 10
-    until(lambda: watchdog.log.rstrip().endswith(PARKED))
-    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
-    log = log_after_end(watchdog)
-    assert "watching" in log
-    assert log.count("SILENT") <= gaps(scene.signs_of_life(began)), "the farewell came too late or never"
-
-
-@both_transports
-def test_once_stops_robot_and_replaces_missing_farewell(scene: Scene) -> None:
-    scene.robot()
-    watchdog = scene.watchdog()
-    scene.drive(1.0, alive=True)
-    scene.wait_for_standstill(scene.drove)
-    before = watchdog.log.count(PARKED)
-    once = scene.watchdog("--once")
-    published = once.event("summary")["robot"]["published"]
-    assert set(published) == {COMMAND, LIFE}
-    assert 1 < published[COMMAND] <= PARKING_TIME / PERIOD
-    assert published[LIFE] == 1
-    assert once.wait() == 0
-    wait_until_parked(watchdog, before + 1)
-    assert {one.speed for one in scene.drive(1.0, alive=False)} == {SPEED}
-    assert "driven by hand" in log_after_end(watchdog)
-
-
 @pytest.mark.smoke
 def test_once_stops_robot_without_watchdog(scene: Scene) -> None:
     scene.robot()
@@ -159,7 +155,11 @@ def test_once_stops_robot_without_watchdog(scene: Scene) -> None:
 
 def test_once_exits_1_when_no_robot_listens(scene: Scene) -> None:
     started_at = time.monotonic()
-    assert scene.watchdog("--once").wait() == 1
-    with Bus(BusConfig(listen=(scene.endpoint,), mode="router")):
+    nowhere = ("--robot", "robot2", "--robot-connect", free_endpoint(), "--once")
+    with (
+        started("formation.agent.watchdog", str(scene.file), *nowhere) as unlinked,
+        Bus(BusConfig(listen=(scene.endpoint,), mode="router")),
+    ):
         assert scene.watchdog("--once").wait() == 1
+        assert unlinked.wait() == 1
     assert time.monotonic() - started_at < 20.0

@@ -32,20 +32,33 @@ def any_newer_than(moment: float) -> Callable[[Sequence[Sample]], bool]:
     return lambda samples: any(decode(Pose, sample.payload).stamp > moment for sample in samples)
 
 
-def test_leader_follows_route_in_real_time() -> None:
+@pytest.mark.smoke
+def test_leader_follows_route_in_real_time_and_sends_hold_last() -> None:
     end = free_endpoint()
-    with leader(end) as child, listening(end, "robot1/position") as bus:
+    with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
         first_received(bus)
-        samples = received(bus, lambda samples: len(samples) >= 30)
-        child.signal(signal.SIGTERM)
-    poses = [decode(Pose, sample.payload) for sample in samples]
-    orders = [order_of(sample) for sample in samples]
+        samples = received(bus, lambda samples: len(positions(samples)) >= 30)
+        assert child.signal(signal.SIGINT) < 5.0
+        assert child.wait() == 0
+        summary = child.event("summary")
+        ending = received(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
+    poses = [decode(Pose, sample.payload) for sample in positions(samples)]
+    orders = [order_of(sample) for sample in positions(samples)]
     way = poses[-1].position - poses[0].position
     assert abs(way) / (poses[-1].stamp - poses[0].stamp) == pytest.approx(0.2, abs=1e-3)
     assert math.degrees(math.atan2(way.imag, way.real)) == pytest.approx(30.0, abs=1e-3)
     beats = [one.beat for one in orders]
     assert beats == sorted(set(beats))  # one may get lost: positions are not sent again
     assert {(one.mode, one.shape) for one in orders} == {("run", "hexagon")}
+    last = order_of(positions(ending)[-1])
+    assert (last.mode, last.beat) == ("hold", summary["published"]["robot1/position"])
+    assert decode(Diagnostics, ending[-1].payload).statuses[0].values["reason.cause"] == "SIGINT"
+    assert (summary["process"], summary["dropped"]) == ("leader robot1", {"overflowed": 0})
+    assert "SIGINT" in child.errors
+
+
+def positions(samples: Sequence[Sample]) -> list[Sample]:
+    return [sample for sample in samples if sample.key == "robot1/position"]
 
 
 @pytest.mark.smoke
@@ -76,17 +89,3 @@ def test_leader_obeys_valid_requests_and_refuses_others() -> None:
         (False, "hold", "hold"),
         (True, "run", "run"),
     ]
-
-
-@pytest.mark.smoke
-def test_ended_leader_sends_hold_last() -> None:
-    end = free_endpoint()
-    with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
-        first_received(bus)
-        child.signal(signal.SIGINT)
-        summary = child.event("summary")
-        samples = received(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
-    last = [sample for sample in samples if sample.key == "robot1/position"][-1]
-    assert order_of(last).mode == "hold"
-    assert decode(Diagnostics, samples[-1].payload).statuses[0].values["reason.cause"] == "SIGINT"
-    assert order_of(last).beat == summary["published"]["robot1/position"]
