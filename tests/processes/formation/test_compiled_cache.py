@@ -42,8 +42,15 @@ def cache_folder(caches: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
-def test_next_process_uses_cached_machine_code(name: str, tmp_path: Path) -> None:
+def test_next_process_uses_cache_and_old_folders_are_deleted(name: str, tmp_path: Path) -> None:
+    old = tmp_path / "formation" / "0123456789abcdef"
+    others = [tmp_path / "somebody's", tmp_path / "formation" / "notes", tmp_path / "0123456789abcdef"]
+    for folder in (old, *others):
+        folder.mkdir(parents=True)
+        os.utime(folder, (0.0, 0.0))
     assert compiling(**{name: tmp_path}) == COMPILED
+    assert not old.exists()
+    assert all(folder.exists() for folder in others)
     assert compiling(**{name: tmp_path}) == FOUND
 
 
@@ -58,28 +65,12 @@ def test_function_is_compiled_without_writable_cache_folder(tmp_path: Path) -> N
     assert compiling(XDG_CACHE_HOME=tmp_path / "file" / "below") == COMPILED
 
 
-@pytest.mark.parametrize("ending", ["nbi", "nbc"])
-def test_damaged_cache_file_is_replaced(ending: str, tmp_path: Path) -> None:
+def test_damaged_cache_and_one_writable_by_others_are_replaced(tmp_path: Path) -> None:
     compiling(XDG_CACHE_HOME=tmp_path)
-    for file in tmp_path.rglob(f"*.{ending}"):
-        file.write_bytes(file.read_bytes()[:-10])
-    assert compiling(XDG_CACHE_HOME=tmp_path) == COMPILED
+    for ending in ("nbi", "nbc"):
+        for file in tmp_path.rglob(f"*.{ending}"):
+            file.write_bytes(file.read_bytes()[:-10])
+        assert compiling(XDG_CACHE_HOME=tmp_path) == COMPILED, ending
     assert compiling(XDG_CACHE_HOME=tmp_path) == FOUND
-
-
-def test_cache_folder_writable_by_others_is_not_read(tmp_path: Path) -> None:
-    compiling(XDG_CACHE_HOME=tmp_path)
     cache_folder(tmp_path).chmod(0o777)
     assert compiling(XDG_CACHE_HOME=tmp_path) == COMPILED
-
-
-@pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
-def test_only_old_cache_folders_of_formation_are_deleted(name: str, tmp_path: Path) -> None:
-    old = tmp_path / "formation" / "0123456789abcdef"
-    others = [tmp_path / "somebody's", tmp_path / "formation" / "notes", tmp_path / "0123456789abcdef"]
-    for folder in (old, *others):
-        folder.mkdir(parents=True)
-        os.utime(folder, (0.0, 0.0))
-    compiling(**{name: tmp_path})
-    assert not old.exists()
-    assert all(folder.exists() for folder in others)

@@ -128,8 +128,9 @@ def test_keys_can_be_declared_after_session_is_open(
         assert len({token.split("/")[4] for token in ours}) == 3
 
 
+@pytest.mark.parametrize("ros", ["rmw_zenoh"])  # it has tokens besides
 def test_agent_declares_everything_again_after_router_restart(
-    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+    endpoint: str, naming: Naming, stack: ExitStack
 ) -> None:
     mailbox = Mailbox()
     robot, _ = robot_on(endpoint, naming)
@@ -150,7 +151,7 @@ def test_agent_declares_everything_again_after_router_restart(
     with node(endpoint, "client") as ros_node:
         agents = {token for token in before if "formation_agent" in token}
         until(lambda: agents <= tokens(ros_node))
-        assert bool(agents) == (ros == "rmw_zenoh")
+        assert agents
 
 
 def test_route_status_follows_its_listeners(endpoint: str, ros: Ros, naming: Naming) -> None:
@@ -246,21 +247,19 @@ def test_robots_behind_one_router_with_different_transports_stay_separate(endpoi
         assert at_three.received == {ODOM.key("robot3"): 1}
 
 
-@pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"{}", b'{"speed": 1}', bytes(3)])
-@pytest.mark.parametrize("open_already", [True, False])
-def test_payload_without_cdr_header_is_refused(
-    endpoint: str, naming: Naming, payload: bytes, open_already: bool, stack: ExitStack
-) -> None:
-    at_robot = Mailbox()
-    if open_already:
-        robot, at_robot = robot_on(endpoint, naming)
-        stack.enter_context(robot)
+def test_payload_without_cdr_header_is_refused(endpoint: str, naming: Naming, stack: ExitStack) -> None:
     agent = stack.enter_context(agent_on(endpoint, naming))
-    if open_already:
-        until(lambda: bool(agent.routed(COMMAND)))
-    with pytest.raises(BadMessage, match=r"without a CDR header on robot2/cmd_vel"):
-        agent.publish(COMMAND, payload)
-    if open_already:
-        agent.publish(COMMAND, TWIST)
-        until(lambda: bool(at_robot.received))
-        assert [sample.payload for sample in at_robot.drain()] == [TWIST]
+    _check_invalid_payloads_are_refused(agent)  # the session is not open yet
+    robot, at_robot = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    until(lambda: bool(agent.routed(COMMAND)))
+    _check_invalid_payloads_are_refused(agent)
+    agent.publish(COMMAND, TWIST)
+    until(lambda: bool(at_robot.received))
+    assert [sample.payload for sample in at_robot.drain()] == [TWIST]
+
+
+def _check_invalid_payloads_are_refused(agent: RobotBus) -> None:
+    for payload in (b"", b"\x00\x01\x00\x00", b"{}", b'{"speed": 1}', bytes(3)):
+        with pytest.raises(BadMessage, match=r"without a CDR header on robot2/cmd_vel"):
+            agent.publish(COMMAND, payload)
