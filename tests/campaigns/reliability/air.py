@@ -19,8 +19,6 @@ import sys
 import time
 from collections import deque
 
-from formation.transport.runtime.process import say
-
 EVERY_FRAME = 0x0003  # ETH_P_ALL
 SIOCETHTOOL, SET_TX_SUMS, SET_SEGMENTS = 0x8946, 0x17, 0x1F  # of linux/sockios.h and linux/ethtool.h
 
@@ -84,7 +82,7 @@ def main(delay: str, *names: str) -> None:
     with selectors.DefaultSelector() as selector:
         for port in ports:
             selector.register(port, selectors.EVENT_READ, port)
-        say("ready", process="air")
+        print('{"event": "ready", "process": "air"}', flush=True)
         while True:
             for key, _ in selector.select(air.wait):
                 air.read_port(key.data)

@@ -63,7 +63,7 @@ def run(options: Options) -> Found:
         fleet.begin()
         for number in range(options.tries):
             for name in chosen:
-                tries.append(_stopped(fleet, name))
+                tries.append(stopped(fleet, name))
                 words = "; ".join(tries[-1].wrong) or "as it should be"
                 tell(f"{number + 1}/{options.tries} {name}: {tries[-1].figures} {words}")
                 if tries[-1].wrong and options.keep is not None:
@@ -76,7 +76,7 @@ def _fleet(folder: Path) -> Fleet:
     return Fleet(crowd(ROBOTS), folder, without=("watchdog", "monitor"))
 
 
-def _stopped(fleet: Fleet, name: str) -> Try:
+def stopped(fleet: Fleet, name: str) -> Try:
     one = Try(name)
     until(lambda: _drive(fleet), 60.0, "everybody drives")
     time.sleep(random.uniform(0.0, MOMENT))
