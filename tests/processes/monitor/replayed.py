@@ -34,6 +34,7 @@ class Run(NamedTuple):
     """Results of a run."""
 
     path: Path
+    """Its recording, which no test changes."""
     hello: dict[str, Any]
     frames: list[dict[str, Any]]
     """Frames of its live page."""

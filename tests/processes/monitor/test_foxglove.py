@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed
 
+from formation.deploy.cli import main
 from formation.monitor.metrics.keys import OWN
 from formation.topics import DIAGNOSTICS
 from formation.transport.bus import Bus, BusConfig
@@ -77,50 +77,49 @@ def test_foxglove_client_gets_recorded_messages_exactly(tmp_path: Path) -> None:
         decoder(one.payload)
 
 
-def test_foxglove_port_in_use_is_refused() -> None:
+def test_foxglove_port_in_use_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
         holder.listen()
         where = f"127.0.0.1:{holder.getsockname()[1]}"
         flags = ("--no-record", "--no-page", "--no-stage", "--foxglove", where)
-        with started("formation.monitor", "six_robots", "-l", free_endpoint(), *flags) as child:
-            assert child.wait() == 2
-            assert child.errors == f"monitor: --foxglove {where}: address already in use\n"
+        assert monitor(capsys, "-l", free_endpoint(), *flags) == (
+            2, f"monitor: --foxglove {where}: address already in use\n",
+        )  # fmt: skip
 
 
-def command(*arguments: str, without: str = "") -> subprocess.CompletedProcess[str]:
-    """Run `formation` as on a machine without the package `without`."""
-    program = f"""
-import sys
-sys.modules[{without!r}] = None
-from formation.deploy.cli import main
-sys.exit(main())
-"""
-    return subprocess.run(
-        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False, timeout=60
-    )
+@pytest.fixture
+def without_foxglove(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have no package foxglove on this machine."""
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    monkeypatch.delitem(sys.modules, "formation.monitor.exporters.foxglove", raising=False)
 
 
-def test_missing_foxglove_sdk_prints_what_to_install() -> None:
-    end = free_endpoint()
-    done = command(
-        "monitor", "six_robots", "--foxglove", "-l", end, "--no-record", "--no-page", without="foxglove"
-    )
-    assert done.returncode == 2
-    assert done.stderr == f"monitor: --foxglove {needs('foxglove')}\n"
+def monitor(capsys: pytest.CaptureFixture[str], *flags: str) -> tuple[int, str]:
+    """Return the exit code of `formation monitor`, and what it prints on stderr."""
+    code = main(["monitor", "six_robots", *flags])
+    return code, capsys.readouterr().err
 
 
-def test_layout_is_written_without_sdk_or_overwriting(tmp_path: Path) -> None:
-    path = tmp_path / "layout.json"
-    done = command("monitor", "two_chains", "--foxglove-layout", str(path), without="foxglove")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert path.read_text(encoding="utf-8").startswith('{\n  "configById"')
-    again = command("monitor", "six_robots", "--foxglove-layout", str(path))
-    assert again.returncode == 2
-    assert again.stderr == f"monitor: --foxglove-layout {path}: exists already\n"
-    below = command("monitor", "six_robots", "--foxglove-layout", str(path / "layout.json"))
-    assert below.returncode == 2
-    assert below.stderr == f"monitor: --foxglove-layout {path}/layout.json: cannot be written: File exists\n"
-    new = tmp_path / "new" / "layout.json"
-    assert command("monitor", "six_robots", "--foxglove-layout", str(new)).returncode == 0
+@pytest.mark.usefixtures("without_foxglove")
+def test_missing_foxglove_sdk_prints_what_to_install(capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ("--foxglove", "-l", free_endpoint(), "--no-record", "--no-page")
+    assert monitor(capsys, *flags) == (2, f"monitor: --foxglove {needs('foxglove')}\n")
+
+
+@pytest.mark.usefixtures("without_foxglove")
+def test_layout_is_written_without_sdk_or_overwriting(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, new = tmp_path / "layout.json", tmp_path / "new" / "layout.json"
+    assert monitor(capsys, "--foxglove-layout", str(path)) == (0, "")
+    written = path.read_text(encoding="utf-8")
+    assert written.startswith('{\n  "configById"')
+    again = monitor(capsys, "--foxglove-layout", str(path))
+    assert again == (2, f"monitor: --foxglove-layout {path}: exists already\n")
+    assert path.read_text(encoding="utf-8") == written
+    below = monitor(capsys, "--foxglove-layout", str(path / "layout.json"))
+    why = "cannot be written: File exists"
+    assert below == (2, f"monitor: --foxglove-layout {path}/layout.json: {why}\n")
+    assert monitor(capsys, "--foxglove-layout", str(new)) == (0, "")
     assert new.is_file()

@@ -30,7 +30,7 @@ from tests.unit.monitor.recording.test_recorder import recorder
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 RATE = 1000
 """Messages a second, every second one with an attachment."""
-AT_ONCE, ROUNDS = 4, 5
+AT_ONCE, ROUNDS = 4, 2
 LOSS = 1.0
 """Greatest loss by a kill [s]."""
 COUNT, TIME = struct.Struct("<q"), struct.Struct("<d")

@@ -12,18 +12,23 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from formation.monitor.__main__ import main
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.recording.reader import read
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.ros2.naming import Naming
-from formation.ros2.ros_names import Ros
 from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
 from tests.processes.agent.actor import KEYS, Actor, events, recorded, router, watching
 from tests.support.child import PATIENCE, free_endpoint, started, until
+from tests.support.zenoh_admin import inspect
 
 pytestmark = pytest.mark.processes
+
+
+ROS = Naming.of_formation("rmw_zenoh", 7)
+"""Spelling of topics of a ROS 2 that no robot of the mission has."""
 
 
 class Run(NamedTuple):
@@ -32,6 +37,8 @@ class Run(NamedTuple):
     actor: Actor
     arrived: list[Sample]
     """What the fleet received from the monitor."""
+    in_ros: list[Sample]
+    """What ROS 2 received."""
     snapshots: list[dict[str, Any]]
     summary: dict[str, Any]
     path: Path
@@ -40,16 +47,38 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    path = tmp_path_factory.mktemp("run") / "new" / "run.mcap"
-    with watching("--record", str(path), "--snapshots") as (child, actor):
-        for one in OWN:
-            actor.bus.subscribe(one.key)
+    path, end = tmp_path_factory.mktemp("run") / "new" / "run.mcap", free_endpoint()
+    flags = (
+        "--record",
+        str(path),
+        "--snapshots",
+        "--ros",
+        end,
+        "--ros-names",
+        "rmw_zenoh",
+        "--ros-domain",
+        "7",
+    )
+    with watching(*flags) as (child, actor), router(end) as ros:
+        for key in (*(one.key for one in OWN), "robot1/**", "robot2/**"):
+            actor.bus.subscribe(key)
+        actor.stage.subscribe("**")
+        ros.subscribe("**")  # the router starts after the monitor, which does not wait for it
+        until(lambda: ros.received[ROS.wire(DIAGNOSTICS.key())])  # without a fleet, no others are published
         actor.play(3.0)
         actor.wait_until_recorded(path)
         child.signal(signal.SIGTERM)
         snapshots, summary = events(child)
         assert child.wait() == 0
-        return Run(actor, actor.bus.drain(), snapshots, summary, path, recorded(path))
+        in_file, in_ros = recorded(path), list[Sample]()
+
+        def all_received() -> bool:
+            in_ros.extend(ros.drain())
+            newest = {sample.key: sample.payload for sample in in_ros}
+            return newest == {ROS.wire(one.key): in_file[one.key][-1] for one in OWN}
+
+        until(all_received)
+        return Run(actor, actor.bus.drain(), in_ros, snapshots, summary, path, in_file)
 
 
 @pytest.mark.smoke
@@ -57,24 +86,13 @@ def test_every_published_message_is_recorded_exactly(run: Run) -> None:
     published = run.actor.published
     assert sum(published.values()) == 60 * (6 + 3 * 5) + 6 * 6
     assert run.summary["received"] == run.actor.bus.published
-    assert run.summary["robot"] == {"published": {}, "received": run.actor.stage.published}
+    assert run.summary["robot"]["received"] == run.actor.stage.published
     assert run.summary["recorded"] == published + Counter(run.summary["published"])
     assert run.summary["recorded"] == {key: len(payloads) for key, payloads in run.in_file.items()}
     for key in published:
         assert run.in_file[key] == [sample.payload for sample in run.actor.sent if sample.key == key]
     assert run.summary["dropped"] == {"overflowed": 0}
     assert run.summary["recording"] == str(run.path)
-
-
-def test_messages_in_transit_at_the_end_are_recorded(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with watching("--record", str(path)) as (child, actor):
-        actor.play(0.5)
-        child.signal(signal.SIGTERM)  # at once
-        summary = child.event("summary")
-    assert summary["received"] == actor.bus.published
-    assert not actor.published - Counter(summary["recorded"])
-    assert {key: len(payloads) for key, payloads in recorded(path).items()} == summary["recorded"]
 
 
 def test_monitor_metrics_are_published_and_recorded(run: Run) -> None:
@@ -121,16 +139,27 @@ def test_summary_reports_convergence_and_settling_time(run: Run) -> None:
     assert run.summary["formation_error"] < 1e-6
 
 
-def test_monitor_without_snapshots_logs_every_two_seconds(tmp_path: Path) -> None:
-    begun = time.monotonic()
-    with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
+def test_monitor_publishes_nothing_to_robots(run: Run) -> None:
+    bus, stage = run.actor.bus, run.actor.stage
+    of_robots = {key: n for key, n in bus.received.items() if key[:6] in {"robot1", "robot2"}}
+    # only what the test itself sent
+    assert of_robots == {key: n for key, n in bus.published.items() if key[:6] in {"robot1", "robot2"}}
+    assert stage.received == stage.published
+
+
+def test_monitor_logs_every_two_seconds_and_records_last_messages(tmp_path: Path) -> None:
+    path, begun = tmp_path / "run.mcap", time.monotonic()
+    with watching("--record", str(path)) as (child, actor):
         while not with_known_error(child.log.splitlines()):
             assert time.monotonic() < begun + PATIENCE
             actor.play(0.5)
-        child.signal(signal.SIGTERM)
+        child.signal(signal.SIGTERM)  # at once: messages are in transit
         lasted = time.monotonic() - begun
-        child.event("summary")
+        summary = child.event("summary")
         lines = [line for line in child.errors.splitlines() if "error" in line]
+    assert summary["received"] == actor.bus.published
+    assert not actor.published - Counter(summary["recorded"])
+    assert {key: len(payloads) for key, payloads in recorded(path).items()} == summary["recorded"]
     assert 2 <= len(lines) <= 1 + lasted / 2.0
     assert "error 0.0 mm" in with_known_error(lines)[-1]
     assert "6 run" in with_known_error(lines)[-1]
@@ -160,75 +189,42 @@ def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) ->
     assert summary["formation_error"] < 1e-6
 
 
-def test_monitor_publishes_nothing_to_robots(tmp_path: Path) -> None:
-    with watching("--no-record", "--snapshots") as (child, actor):
-        actor.bus.subscribe("robot2/**")
-        actor.bus.subscribe("robot1/**")
-        actor.stage.subscribe("**")
-        actor.play(1.0)
-        child.signal(signal.SIGTERM)
-        # only what the test itself sent
-        arrived = {key: n for key, n in actor.bus.published.items() if key[:6] in {"robot1", "robot2"}}
-        assert actor.bus.received == arrived
-        assert actor.stage.received == actor.stage.published
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("flags", [("--no-stage",), ()])
-def test_ground_truth_is_unknown_without_simulated_robots(flags: tuple[str, ...]) -> None:
+def test_ground_truth_is_unknown_without_simulated_robots() -> None:
     end = free_endpoint()
+    flags = ("six_robots", "-e", end, "--no-record", "--no-page", "--snapshots")
     with (
         Bus(BusConfig(listen=(end,))) as bus,
-        started(
-            "formation.monitor", "six_robots", "-e", end, "--no-record", "--no-page", "--snapshots", *flags
-        ) as child,
+        started("formation.monitor", *flags) as looking,
+        started("formation.monitor", *flags, "--no-stage") as other,
     ):
-        child.event("ready")
+        for child in (looking, other):
+            child.event("ready")
         actor = Actor(bus, bus)
+        until(lambda: len(inspect(end).links) == 2)
         until(lambda: all(bus.watched(STATUS.key(name)) for name in actor.fleet.mission.names))
         assert not bus.watched(GROUND_TRUTH.key("robot2"))  # agents do not know the ground truth
-        actor.play(2.0)
-        child.signal(signal.SIGTERM)
-        snapshots, summary = events(child)
-        assert child.errors.splitlines() == [child.errors.strip()]
-        assert "stopping" in child.errors
-    assert (snapshots[-1]["formation_error_true"], snapshots[-1]["missed"]) == (None, 0)
-    assert summary["formation_error"] < 1e-6
-    assert summary["rejected"] == summary["robot"]["received"] == {}
+        actor.play(1.0)
+        for child in (looking, other):
+            child.signal(signal.SIGTERM)
+            snapshots, summary = events(child)
+            assert child.errors.splitlines() == [child.errors.strip()]
+            assert "stopping" in child.errors
+            assert (snapshots[-1]["formation_error_true"], snapshots[-1]["missed"]) == (None, 0)
+            assert summary["formation_error"] < 1e-6
+            assert summary["rejected"] == summary["robot"]["received"] == {}
 
 
-@pytest.mark.parametrize("names", ["ros2dds", "rmw_zenoh"])
-def test_ros_flag_publishes_metrics_as_ros_2_topics(names: Ros, tmp_path: Path) -> None:
-    end, path = free_endpoint(), tmp_path / "run.mcap"
-    naming = Naming.of_formation(names, 7)
-    wires = {one.key: naming.wire(one.key) for one in OWN}
-    ros_flags = ("--ros", end, "--ros-names", names, "--ros-domain", "7")
-    arrived: dict[str, list[bytes]] = {wire: [] for wire in wires.values()}
-    with watching("--record", str(path), "--snapshots", *ros_flags) as (child, actor), router(end) as ros:
-        ros.subscribe("**")  # the router starts after the monitor, which does not wait for it
-        until(lambda: ros.received[wires[DIAGNOSTICS.key()]] > 0)  # without a fleet, no others are published
-        actor.play(3.0)
-        child.signal(signal.SIGTERM)
-        _, summary = events(child)
-        assert child.wait() == 0
-        reported = {wires[one.key]: recorded(path)[one.key] for one in OWN}
-
-        def all_received() -> bool:
-            for sample in ros.drain():
-                arrived[sample.key].append(sample.payload)
-                assert len(sample.attachment or b"") == (0 if names == "ros2dds" else 33)
-            return all(payloads[-1:] == reported[wire][-1:] for wire, payloads in arrived.items())
-
-        until(all_received)
+def test_ros_flag_publishes_metrics_as_ros_2_topics(run: Run) -> None:
+    published = run.summary["robot"]["published"]
+    assert set(published) == {one.key for one in OWN}
     # Zenoh sends nothing before it knows of a listener: the first may be missing, every later one arrives.
-    for wire, payloads in arrived.items():
-        assert payloads == reported[wire][-len(payloads) :]
     for one in OWN:
-        wire = wires[one.key]
-        assert len(arrived[wire]) <= summary["robot"]["published"][one.key] <= len(reported[wire])
-    errors = [decode(Number, payload).value for payload in arrived[wires[ERROR.key()]]]
+        arrived = [sample for sample in run.in_ros if sample.key == ROS.wire(one.key)]
+        assert [sample.payload for sample in arrived] == run.in_file[one.key][-len(arrived) :]
+        assert {len(sample.attachment or b"") for sample in arrived} == {33}
+        assert len(arrived) <= published[one.key] <= len(run.in_file[one.key])
+    errors = [sample for sample in run.in_ros if sample.key == ROS.wire(ERROR.key())]
     assert len(errors) >= 10
-    assert max(errors) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -238,30 +234,39 @@ def test_ros_flag_publishes_metrics_as_ros_2_topics(names: Ros, tmp_path: Path) 
         (("--stage", "robot9=tcp/desk:7"), "'robot9' must be a follower of six-robots: robot2"),
         (("--ros", "tcp/desk"), "--ros 'tcp/desk': must be PROTOCOL/HOST:PORT"),
         (("--ros-names", "rmw_zenoh"), "--ros ENDPOINT"),
+        (("--no-page", "--control"), "--control: gives orders by the page, which --no-page leaves out"),
+        (("--control-config", "o.json5"), "--control-config FILE: says how --control gives orders"),
+        (("--page", "192.0.2.1:8460"), "--page 192.0.2.1:8460: Cannot assign requested address"),
     ],
 )
-def test_invalid_link_flags_are_refused_and_leave_no_recording(
-    flags: tuple[str, ...], words: str, tmp_path: Path
+def test_invalid_flags_are_refused_and_leave_no_recording(
+    flags: tuple[str, ...], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with started("formation.monitor", "six_robots", "--record", str(tmp_path / "run.mcap"), *flags) as child:
-        assert child.wait() == 2
-        assert words in child.errors
-        assert child.errors.count("\n") == 1
+    assert words in refused(capsys, "six_robots", "--record", str(tmp_path / "run.mcap"), *flags)
     assert not list(tmp_path.iterdir())
 
 
-def test_existing_recording_or_invalid_folder_is_refused(tmp_path: Path) -> None:
+def test_existing_recording_or_invalid_folder_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "dear.mcap").write_text("dear")
     for record in (tmp_path / "dear.mcap", tmp_path / "dear.mcap" / "run.mcap"):
-        with started("formation.monitor", "six_robots", "--record", str(record)) as child:
-            assert child.wait() == 2
-            assert child.errors.startswith(f"monitor: --record {record}: ")
-            assert child.errors.count("\n") == 1
+        flags = ("-l", free_endpoint(), "--no-page", "--record", str(record))
+        assert refused(capsys, "six_robots", *flags).startswith(f"monitor: --record {record}: ")
     assert (tmp_path / "dear.mcap").read_text() == "dear"
 
 
-def test_missing_mission_is_refused_and_leaves_no_recording(tmp_path: Path) -> None:
-    with started("formation.monitor", "seven_robots", "--record", str(tmp_path / "run.mcap")) as child:
-        assert child.wait() == 2
-        assert "seven_robots" in child.errors
+def test_missing_mission_is_refused_and_leaves_no_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "seven_robots" in refused(capsys, "seven_robots", "--record", str(tmp_path / "run.mcap"))
     assert not list(tmp_path.iterdir())
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Return the only line that the monitor prints when it refuses its arguments."""
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    return printed.err

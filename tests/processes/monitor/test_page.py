@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,10 +14,10 @@ import pytest
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
+from formation.monitor.__main__ import main
 from formation.monitor.web.address import IN_USE, Bind, listening
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.actor import Actor, router
-from tests.support import launched
 from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 from tests.support.looking import PLAIN, looking
 
@@ -117,103 +115,44 @@ def hello_index(hello: dict[str, Any], name: str) -> int:
     return [robot["name"] for robot in hello["robots"]].index(name)
 
 
-def test_monitor_ends_within_10_s_with_open_pages() -> None:
-    with monitor_with_page("--no-record") as (child, _, page), looking(page) as one, looking(page) as other:
-        assert {next(one).kind, next(other).kind} == {"hello"}
-        assert child.signal(signal.SIGTERM) < 10.0
-        assert child.wait() == 0
-        summary = list(iter(child._lines.get, None))[-1]
-        assert summary is not None
-        assert '"event": "summary"' in summary
-        assert "Traceback" not in child.errors
-
-
-def test_control_page_needs_token_that_is_never_logged() -> None:
+def test_control_page_needs_token_and_ends_within_10_s_while_open() -> None:
     with monitor_with_page("--no-record", "--control") as (child, _, invitation):
         page, _, token = invitation.partition("#token=")
         assert len(token) >= 32
         refused = httpx.post(page + "api/order", json={"do": "stop"}, timeout=PATIENCE, verify=PLAIN)
         assert refused.status_code == 401
-        with looking(page) as events:
-            assert next(events).data["control"] is True
-        child.signal(signal.SIGTERM)
-        assert child.wait() == 0
+        with looking(page) as one, looking(page) as other:
+            assert [next(one).data["control"], next(other).data["control"]] == [True, True]
+            assert child.signal(signal.SIGTERM) < 10.0
+            assert child.wait() == 0
+        summary = list(iter(child._lines.get, None))[-1]
+        assert summary is not None
+        assert '"event": "summary"' in summary
+        assert "Traceback" not in child.errors
         assert f"page: {page}; to give orders, the one in the ready line\n" in child.errors
         assert token not in child.errors
 
 
 def test_page_port_in_use_is_refused_only_if_requested(
-    tmp_path: Path,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    links = ("-l", free_endpoint(), "--no-stage")
+    links = ("six_robots", "--no-stage", "-l")
     with listening(Bind(port=0)) as taken:
         where = f"127.0.0.1:{taken.getsockname()[1]}"
-        record = ("--record", str(tmp_path / "run.mcap"))
-        with started("formation.monitor", "six_robots", *links, *record, "--page", where) as child:
-            assert child.wait() == 2
-            assert child.errors == f"monitor: --page {where}: Address already in use: {IN_USE}\n"
+        assert main([*links, free_endpoint(), "--record", str(tmp_path / "run.mcap"), "--page", where]) == 2
+        refused = f"monitor: --page {where}: Address already in use: {IN_USE}\n"
+        assert capsys.readouterr().err == refused
     assert not list(tmp_path.iterdir())
     pages = set()
     with (
-        started("formation.monitor", "six_robots", "-l", free_endpoint(), "--no-stage", "--no-record") as one,
-        started(
-            "formation.monitor", "six_robots", "-l", free_endpoint(), "--no-stage", "--no-record"
-        ) as other,
+        started("formation.monitor", *links, free_endpoint(), "--no-record") as one,
+        started("formation.monitor", *links, free_endpoint(), "--no-record") as other,
     ):
         for child in (one, other):
             page = child.event("ready")["page"]
             assert requested(page, "healthz").status_code == 200
             pages.add(page)
-            child.process.poll()
         for child in (one, other):
             child.signal(signal.SIGTERM)
             assert child.wait() == 0
     assert len(pages) == 2
-
-
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
-        (("--page", "desk"), "must be HOST:PORT"),
-        (("--page", "192.0.2.1:8460"), "--page 192.0.2.1:8460: Cannot assign requested address"),
-        (("--no-page", "--control"), "--control: gives orders by the page, which --no-page leaves out"),
-        (("--control-config", "o.json5"), "--control-config FILE: says how --control gives orders"),
-    ],
-)
-def test_invalid_page_flags_are_refused(flags: tuple[str, ...], words: str) -> None:
-    links = ("-l", free_endpoint(), "--no-stage", "--no-record")
-    with started("formation.monitor", "six_robots", *links, *flags) as child:
-        assert child.wait() == 2
-        assert words in child.errors
-
-
-def test_two_runs_print_different_page_addresses_first(tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir()
-    (tmp_path / "two").mkdir()
-    with (
-        launched.started("turtlebot3_pair", folder=tmp_path / "one") as one,
-        launched.started("turtlebot3_pair", "--control", folder=tmp_path / "two") as two,
-    ):
-        pages = [address_of(one), address_of(two)]
-        assert pages[0] != pages[1]
-        assert "#token=" in pages[1]
-        assert "#" not in pages[0]
-        for page in pages:
-            with looking(page.partition("#")[0]) as events:
-                assert next(events).data["mission"] == "turtlebot3-pair"
-                frames = (event.data for event in events if event.kind == "frame")
-                assert next(frame for frame in frames if frame["error"] is not None)["mode"] == "run"
-        for process in (one, two):
-            os.kill(process.pid, signal.SIGINT)
-        for process in (one, two):
-            process.communicate(timeout=90.0)
-
-
-def address_of(process: subprocess.Popen[str]) -> str:
-    """Return the address of a run's page, which its second line has."""
-    assert process.stderr is not None
-    hint, page = process.stderr.readline(), process.stderr.readline()
-    assert hint.startswith("Ctrl-C ends it.")
-    word, _, address = page.strip().partition(" ")
-    assert word == "Page:"
-    return address

@@ -17,23 +17,19 @@ from formation.monitor.recording.channels import SUFFIX
 from formation.monitor.recording.reader import extent_of, has_end, read
 from formation.monitor.recording.recover import recover
 from tests.processes.agent.actor import events, watching
-from tests.support.launched import result_of
-from tests.support.launched import started as run_started
+from tests.processes.monitor.replayed import Run
 
 pytestmark = pytest.mark.processes
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record a real run of six_robots."""
-    folder = tmp_path_factory.mktemp("run")
-    with run_started("six_robots", "--duration", "6", "--record", "run.mcap", folder=folder) as process:
-        assert result_of(process)["lost"] == 0
-    return folder / "run.mcap"
+def topics(run_of_six: Run) -> Counter[str]:
+    """Count the messages of a real run of six_robots by topic, as all readers do."""
+    assert run_of_six.result["lost"] == 0
+    return check([run_of_six.path])
 
 
-def test_independent_readers_decode_six_robot_run(run: Path) -> None:
-    topics = check([run])
+def test_independent_readers_decode_six_robot_run(topics: Counter[str]) -> None:
     assert len(topics) > 30
     assert {topic for topic in topics if topic.startswith("/formation/")} == {
         "/formation/error",
@@ -44,13 +40,15 @@ def test_independent_readers_decode_six_robot_run(run: Path) -> None:
     assert topics["/robot2/odom"] > 50
 
 
-def test_independent_readers_decode_recovered_recording(run: Path, tmp_path: Path) -> None:
-    cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+def test_independent_readers_decode_recovered_recording(
+    run_of_six: Run, topics: Counter[str], tmp_path: Path
+) -> None:
+    run, cut, out = run_of_six.path, tmp_path / "cut.mcap", tmp_path / "out.mcap"
     cut.write_bytes(run.read_bytes()[: run.stat().st_size * 2 // 3])
     recover(cut, out)
-    topics = check([out])
-    assert set(topics) == set(check([run]))
-    assert topics.total() > 1000
+    recovered = check([out])
+    assert set(recovered) == set(topics)
+    assert recovered.total() > 1000
 
 
 def test_independent_readers_decode_recording_in_parts(tmp_path: Path) -> None:

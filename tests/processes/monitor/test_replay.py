@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 import time
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from formation.deploy.cli import main
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.recording.reader import Recorded, read
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
-from tests.processes.monitor.replayed import Replayed, Run, drive, replaying
+from tests.processes.monitor.replayed import Replayed, Run, replaying
 from tests.support.child import PATIENCE, free_endpoint, until
-from tests.support.launched import command
 
 pytestmark = pytest.mark.processes
 Payloads = list[tuple[bytes, bytes | None]]
@@ -27,13 +26,8 @@ SOON = 0.001
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return drive(tmp_path_factory.mktemp("run"), 20)
-
-
-@pytest.fixture(scope="module")
-def messages(run: Run) -> list[Recorded]:
-    return list(read(run.path).messages())
+def messages(run_of_six: Run) -> list[Recorded]:
+    return list(read(run_of_six.path).messages())
 
 
 def by_key(samples: list[Sample]) -> dict[str, Payloads]:
@@ -55,10 +49,12 @@ def wait_for_link(bus: Bus, replay: Replayed) -> None:
         assert time.monotonic() < quiet + 10.0
 
 
-def test_replay_publishes_every_message_exactly_with_attachment(run: Run, messages: list[Recorded]) -> None:
+def test_replay_publishes_every_message_exactly_with_attachment(
+    run_of_six: Run, messages: list[Recorded]
+) -> None:
     end = free_endpoint()
     with (
-        replaying(run.path, "--paused", "-l", end) as replay,
+        replaying(run_of_six.path, "--paused", "-l", end) as replay,
         Bus(BusConfig(connect=(end,)), capacity=100_000) as bus,
     ):
         bus.subscribe("**")
@@ -98,12 +94,12 @@ def comparable_frames(run: Run, messages: list[Recorded]) -> list[tuple[float, d
     return found
 
 
-def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Recorded]) -> None:
-    comparable = comparable_frames(run, messages)
+def test_replay_page_equals_live_page_of_that_time(run_of_six: Run, messages: list[Recorded]) -> None:
+    comparable = comparable_frames(run_of_six, messages)
     assert len(comparable) >= 20
     assert max(live["error"] for _, live in comparable) > 1.0  # it moves
     chosen = comparable[:: max(1, len(comparable) // 20)]
-    with replaying(run.path, "--paused", "-l", free_endpoint()) as replay:
+    with replaying(run_of_six.path, "--paused", "-l", free_endpoint()) as replay:
         for at, live in [*chosen, *reversed(chosen)]:  # forwards and backwards
             hello, frame = replay.picture(at)
             assert frame["replay"]["paused"]
@@ -117,18 +113,21 @@ def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Reco
                     expected = b if b is None or isinstance(b, str) else pytest.approx(b, abs=0.0021)
                     if field not in {"rate", "health", "health_why", "reason"}:
                         assert a == expected, (field, live["t"])
-        assert (hello["live"], hello["control"], hello["mission"]) == (False, False, run.hello["mission"])
-        assert hello["recording"] == str(run.path)
+        assert (hello["live"], hello["control"], hello["mission"]) == (
+            False,
+            False,
+            run_of_six.hello["mission"],
+        )
+        assert hello["recording"] == str(run_of_six.path)
         assert replay.interrupt()["interrupted"]
     assert replay.process.returncode == 130
 
 
-def test_replay_result_equals_result_of_run(run: Run, tmp_path: Path) -> None:
+def test_replay_result_equals_result_of_run(run_of_six: Run, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ("--no-page", "--no-zenoh", "--speed", "100", "--json")
-    with command("replay", str(run.path), *flags, folder=tmp_path) as one:
-        out, _ = one.communicate(timeout=60.0)
-    result = json.loads(out.splitlines()[-1])
-    assert result["converged"] == run.result["converged"]
-    assert result["formation_error"] == pytest.approx(run.result["formation_error"], abs=1e-9)
-    assert result["settling_time"] == pytest.approx(run.result["settling_time"], abs=1e-5)
-    assert result["played"] == run.result["recorded"]
+    assert main(["replay", str(run_of_six.path), *flags]) == 0
+    result, live = json.loads(capsys.readouterr().out.splitlines()[-1]), run_of_six.result
+    assert result["converged"] == live["converged"]
+    assert result["formation_error"] == pytest.approx(live["formation_error"], abs=1e-9)
+    assert result["settling_time"] == pytest.approx(live["settling_time"], abs=1e-5)
+    assert result["played"] == live["recorded"]

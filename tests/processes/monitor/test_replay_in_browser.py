@@ -48,15 +48,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def replay(recording: Path) -> Iterator[Replayed]:
+    """Start one replay for all tests; the last one kills it."""
     with replaying(recording, "--no-zenoh", "--loop") as one:
         yield one
 
 
 @contextmanager
 def playing(browser: Browser, replay: Replayed, **options: Any) -> Iterator[Page]:
-    """Open the page of a replay; yield it as soon as it has a position."""
+    """Open the page of a replay that plays from its start; yield it as soon as it has a position."""
+    replay.steered("speed", 1.0)
+    replay.steered("seek", 0.0)
+    replay.steered("play")
     with watched(browser, replay.address, **options) as page:
         until(page, f"formation.model.frame && {AT} > 0")
         yield page

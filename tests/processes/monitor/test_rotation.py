@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 
 import pytest
@@ -16,16 +17,22 @@ from tests.unit.monitor.recording.test_recorder import recorder
 ROTATION = Rotation(time=2.0)
 
 
-@pytest.fixture
-def parts(tmp_path: Path) -> tuple[Path, ...]:
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
     """Record eleven seconds of a fleet in parts of two seconds."""
-    with recorder(tmp_path / "run.mcap", rotation=ROTATION) as recording:
+    with recorder(tmp_path_factory.mktemp("recorded") / "run.mcap", rotation=ROTATION) as recording:
         for sample in Fleet().positions(10.0, 21.0):
             recording.write(sample, sample.arrived + EPOCH)
             recording.flush(sample.arrived)
     assert recording.failure is None
     assert sum(recording.recorded.values()) == len(Fleet().positions(10.0, 21.0))
     return recording.paths
+
+
+@pytest.fixture
+def parts(recorded: tuple[Path, ...], tmp_path: Path) -> tuple[Path, ...]:
+    """Copy the parts of a recording, which a test may change."""
+    return tuple(Path(shutil.copy(path, tmp_path)) for path in recorded)
 
 
 def test_parts_are_numbered_and_each_is_a_complete_file(parts: tuple[Path, ...]) -> None:
