@@ -53,17 +53,17 @@ def test_independent_readers_decode_recovered_recording(
 
 def test_independent_readers_decode_recording_in_parts(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with watching("--record", str(path), "--rotate-size", "150kB", "--snapshots", "--no-page") as (
+    with watching("--record", str(path), "--rotate-size", "100kB", "--snapshots", "--no-page") as (
         child,
         actor,
     ):
-        actor.play(4.0)
+        actor.play(2.5)
         actor.wait_until_recorded(path)
         child.signal(signal.SIGTERM)
         _, summary = events(child)
     parts = [Path(part) for part in summary["recording_parts"]]
     assert len(parts) > 1
-    assert [part.stat().st_size <= 150_000 for part in parts] == [True] * len(parts)
+    assert [part.stat().st_size <= 100_000 for part in parts] == [True] * len(parts)
     assert tuple(parts) == read(path).parts
     topics = check(parts)
     bare = {topic.removeprefix("/"): n for topic, n in topics.items() if not topic.endswith(SUFFIX)}
