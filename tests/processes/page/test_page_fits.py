@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Literal
 
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
 from tests.processes.page.asking import DriveRecorder
 from tests.processes.page.scene import Scene, event
@@ -82,75 +82,73 @@ def opened(browser: Browser, crowd: Served, **context: Any) -> Any:
     return watched(browser, f"{crowd.address}#token=secret", **context)
 
 
-@pytest.mark.parametrize(("width", "height"), WIDTHS)
-def test_page_fits_screen(browser: Browser, crowd: Served, width: int, height: int) -> None:
-    with opened(browser, crowd, viewport={"width": width, "height": height}) as page:
+def tabs(page: Page, width: int) -> Iterator[str]:
+    """Show each tab of a narrow page in turn; a wide page shows all at once."""
+    for tab in TABS if width < 1000 else TABS[:1]:
+        if width < 1000:
+            page.click(f'[data-shows="{tab}"]')
+        yield tab
+
+
+def test_page_fits_every_screen(browser: Browser, crowd: Served) -> None:
+    with opened(browser, crowd) as page:
         page.locator("#robot-rows .reason", has_text="fresh").wait_for(state="attached")
-        for tab in TABS if width < 1000 else TABS[:1]:
-            if width < 1000:
-                page.click(f'[data-shows="{tab}"]')
-            page.click('[data-do="stop"]')
-            page.locator("#acknowledgements li", has_text="NO ANSWER").wait_for()
-            assert page.evaluate(STICKS_OUT) == [], tab
-            assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
+        for width, height in WIDTHS:
+            page.set_viewport_size({"width": width, "height": height})
+            for tab in tabs(page, width):
+                page.click('[data-do="stop"]')
+                page.locator("#acknowledgements li", has_text="NO ANSWER").wait_for()
+                assert page.evaluate(STICKS_OUT) == [], (width, tab)
+                assert page.evaluate("document.documentElement.scrollHeight <= innerHeight"), (width, tab)
 
 
-@pytest.mark.parametrize("width", [360, 1280])
-def test_longest_names_and_reasons_fit(browser: Browser, width: int) -> None:
+def test_longest_names_and_reasons_fit(browser: Browser) -> None:
     scene = Scene(6, control=True)
     long = "x" * 64
     hello = scene.hello() | {"mission": long, "shapes": {long: [], "line": []}}
     hello["robots"][2]["name"] = long
     scene.hello = lambda: hello  # type: ignore[method-assign]
     scene.state["robot4"] = ("readonly: would hold", "no two odometry messages within 0.15 s " * 4)
-    viewport = {"width": width, "height": 800}
-    with (
-        served(scene, NoAnswer()) as one,
-        watched(browser, f"{one.address}#token=secret", viewport=viewport) as page,
-    ):
+    with served(scene, NoAnswer()) as one, watched(browser, f"{one.address}#token=secret") as page:
         one.feed(5)
         page.locator('[data-robot="robot4"] .reason', has_text="odometry").wait_for(state="attached")
-        for tab in TABS if width < 1000 else TABS[:1]:
-            if width < 1000:
-                page.click(f'[data-shows="{tab}"]')
-            assert page.evaluate(STICKS_OUT) == [], tab
+        for width in (360, 1280):
+            page.set_viewport_size({"width": width, "height": 800})
+            for tab in tabs(page, width):
+                assert page.evaluate(STICKS_OUT) == [], (width, tab)
 
 
-@pytest.mark.parametrize("width", [360, 390, 1000, 1280])
-def test_longest_figures_fit(browser: Browser, width: int) -> None:
+def test_longest_figures_fit(browser: Browser) -> None:
     scene = Scene(6, control=True)
     long = scene.frame() | {
         "elapsed": 35999.0, "error": 88.88, "true": 88.88, "settled_at": 35999.9, "converged": True,
         "mode": "stop", "missed": 99999, "rejected": 9999,
     }  # fmt: skip
     long["recording"] |= {"seconds": 35999.0, "bytes": 987_654_321, "failure": "No space left on device"}
-    viewport = {"width": width, "height": 740}
-    with served(scene, NoAnswer()) as one, watched(browser, one.address, viewport=viewport) as page:
+    with served(scene, NoAnswer()) as one, watched(browser, one.address) as page:
         one.source.show(long, NO_SNAPSHOT)
         page.locator("#elapsed", has_text="9:59:59").wait_for()
         assert page.is_visible("#token-form")
-        assert page.evaluate(STICKS_OUT) == []
+        for width in (360, 390, 1000, 1280):
+            page.set_viewport_size({"width": width, "height": 740})
+            assert page.evaluate(STICKS_OUT) == [], width
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [(390, 844), (1280, 800)])
-def test_text_has_enough_contrast(
-    browser: Browser, crowd: Served, scheme: Literal["light", "dark"], size: tuple[int, int]
-) -> None:
-    viewport = {"width": size[0], "height": size[1]}
-    with opened(browser, crowd, viewport=viewport, color_scheme=scheme) as page:
+def test_text_has_enough_contrast(browser: Browser, crowd: Served, scheme: Literal["light", "dark"]) -> None:
+    with opened(browser, crowd, color_scheme=scheme) as page:
         page.locator("#robot-rows .reason", has_text="fresh").wait_for(state="attached")
         page.click('[data-do="stop"]')
         page.locator("#acknowledgements li", has_text="NO ANSWER").wait_for()
-        page.click('[data-do="run"]')  # shows the request for a second click
         page.evaluate("formation.model.choose('robot2')")
         page.evaluate("document.getElementById('recording-failure').hidden = false")
-        for tab in TABS if size[0] < 1000 else TABS[:1]:
-            if size[0] < 1000:
-                page.click(f'[data-shows="{tab}"]')
-            measured = page.evaluate(CONTRASTS)
-            assert len(measured) > 10
-            assert [one for one in measured if one[0] < LEAST_CONTRAST] == []
+        for width, height, do in ((390, 844, "run"), (1280, 800, "release")):
+            page.set_viewport_size({"width": width, "height": height})
+            page.click(f'[data-do="{do}"]')  # shows the request for a second click
+            for tab in tabs(page, width):
+                measured = page.evaluate(CONTRASTS)
+                assert len(measured) > 10
+                assert [one for one in measured if one[0] < LEAST_CONTRAST] == [], (width, tab)
         dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(13, 18, 22)"
         assert dark == (scheme == "dark")
 

@@ -285,30 +285,32 @@ def test_replay_controls_send_pause_speed_and_seek(browser: Browser) -> None:
         assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
 
 
-def test_pad_drives_while_pressed(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+def test_pad_drives_while_pressed_by_first_button(browser: Browser, controlled: Served, fleet: Fleet) -> None:
     with opened_with_token(browser, controlled) as page:
         page.click("#drive-open")
         box = page.locator("#drive-pad").bounding_box()
         assert box is not None
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+        middle, top = box["x"] + 0.5 * box["width"], box["y"] + 1.0
+        page.mouse.move(middle, top)
+        page.mouse.down(button="right")
+        page.mouse.move(middle, top + 1.0)
+        page.mouse.up(button="right")
+        page.keyboard.down("Meta")
+        page.keyboard.press("ArrowUp")
+        page.keyboard.up("Meta")
+        page.wait_for_timeout(200)
+        assert fleet.driven == []
+
+        page.mouse.move(middle, box["y"] + 0.5 * box["height"])
         page.mouse.down()
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
+        page.mouse.move(middle, top)
         page.locator("#drive-state", has_text="driving").wait_for()
         page.mouse.up()
         page.locator("#drive-state", has_text="let go").wait_for()
-    assert max(forward for forward, _, _ in fleet.driven) > 0.9
-    assert fleet.driven[-1][:2] == (0.0, 0.0)
-    assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
+        assert max(forward for forward, _, _ in fleet.driven) > 0.9
+        assert fleet.driven[-1][:2] == (0.0, 0.0)
+        assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
 
-
-def test_pad_pressed_again_before_answer_to_zero_drives(
-    browser: Browser, controlled: Served, fleet: Fleet
-) -> None:
-    with opened_with_token(browser, controlled) as page:
-        page.click("#drive-open")
-        box = page.locator("#drive-pad").bounding_box()
-        assert box is not None
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
         page.mouse.down()
         page.locator("#drive-state", has_text="driving").wait_for()
         fleet.zero.clear()
@@ -321,22 +323,6 @@ def test_pad_pressed_again_before_answer_to_zero_drives(
         assert fleet.driven[-1][0] > 0.9
         page.mouse.up()
         page.locator("#drive-state", has_text="let go").wait_for()
-
-
-def test_pad_ignores_right_button_and_meta_arrow_key(
-    browser: Browser, controlled: Served, fleet: Fleet
-) -> None:
-    with opened_with_token(browser, controlled) as page:
-        page.click("#drive-open")
-        box = page.locator("#drive-pad").bounding_box()
-        assert box is not None
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
-        page.mouse.down(button="right")
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 2.0)
-        page.keyboard.down("Meta")
-        page.keyboard.down("ArrowUp")
-        page.wait_for_timeout(200)
-    assert fleet.driven == []
 
 
 def test_arrow_keys_drive_while_pad_has_focus(browser: Browser, controlled: Served, fleet: Fleet) -> None:

@@ -8,12 +8,17 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser
 
+from formation.monitor.metrics.snapshot import AVOIDING
 from tests.processes.page.scene import Scene
 from tests.support.served import Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 STANDBYS = ("spare1", "spare2")
 CHIPS = "[...document.querySelectorAll('#candidates li')].map((one) => [one.textContent, one.dataset.tone])"
+
+RIGHT_EDGES = (
+    "[...document.querySelectorAll('#candidates li')].map((one) => one.getBoundingClientRect().right)"
+)
 
 
 @pytest.fixture
@@ -64,35 +69,35 @@ def test_page_shows_rotation_scale_and_shape_transition(browser: Browser, six: S
         assert math.hypot(after["x"] - before["x"], after["y"] - before["y"]) > 0.2
 
 
-def test_table_shows_unavailable_fallback_and_awaited_robots(browser: Browser, six: Served) -> None:
+def test_table_shows_unavailable_avoiding_fallback_and_awaited_robots(browser: Browser, six: Served) -> None:
     with watched(browser, six.address) as page:
         six.hush()  # so that one frame has all changes
         six.scene.unavailable.add("robot4")
+        six.scene.avoiding = {"robot3": AVOIDING["avoids"], "robot4": AVOIDING["blocked"]}
         six.scene.fallback["robot5"] = "robot2"
         six.scene.waits = "robot4"
         six.play()
         until(page, "document.querySelector('[data-robot=robot4] .reason').textContent !== ''")
         reasons = {name: page.inner_text(f'[data-robot="{name}"] .reason') for name in six.scene.names}
         assert reasons == {
-            "robot1": "waits for robot4", "robot2": "", "robot3": "", "robot4": "unavailable",
-            "robot5": "follows robot2 instead", "robot6": "",
+            "robot1": "waits for robot4", "robot2": "", "robot3": "avoids a collision",
+            "robot4": "unavailable", "robot5": "follows robot2 instead", "robot6": "",
         }  # fmt: skip
         assert page.get_attribute('[data-robot="robot4"]', "data-tone") == "warn"
+        six.scene.unavailable.clear()
+        until(page, "document.querySelector('[data-robot=robot4] .reason').textContent.startsWith('stopped')")
+        assert page.inner_text('[data-robot="robot4"] .reason') == "stopped by its protective zone"
 
 
-@pytest.mark.parametrize("size", [(1280, 760), (390, 844)])
-def test_chips_and_placed_shape_fit_screen_width(browser: Browser, size: tuple[int, int]) -> None:
+def test_chips_and_placed_shape_fit_screen_width(browser: Browser) -> None:
     scene = Scene(6, standbys=tuple(f"spare{number}" for number in range(1, 9)))
     scene.rotation, scene.scale, scene.wedge, scene.waits = math.radians(-170.0), 1.234, 0.5, "robot4, robot5"
-    view = {"width": size[0], "height": size[1]}
-    with served(scene) as one, watched(browser, one.address, viewport=view) as page:
+    with served(scene) as one, watched(browser, one.address) as page:
         one.play()
-        until(page, "formation.model.frames > 2")
-        if size[0] < 1000:
-            page.click('[data-shows="robots"]')
         until(page, f"{CHIPS}.length === 9")
-        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
-        boxes = page.evaluate(
-            "[...document.querySelectorAll('#candidates li')].map((one) => one.getBoundingClientRect().right)"
-        )
-        assert max(boxes) <= size[0]
+        for width, height in ((1280, 760), (390, 844)):
+            page.set_viewport_size({"width": width, "height": height})
+            if width < 1000:
+                page.click('[data-shows="robots"]')
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert page.evaluate(f"Math.max(...{RIGHT_EDGES})") <= width

@@ -1,4 +1,4 @@
-"""The map is moved by mouse, finger and keyboard, and else follows the formation."""
+"""The map shows posts and walls, is moved by mouse, finger and keyboard, and else follows the formation."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ from tests.support.served import Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 ROW = '[data-robot="{}"]'
+PIXELS = """((places) => {
+  const {camera, canvas, pen, requested} = formation.view, dots = canvas.width / canvas.clientWidth;
+  const pixel = ([x, y]) => [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
+  return camera.placed && !requested && places.map(pixel);
+})"""
+"""Returns the pixels at some places once all is drawn: setting the size of a canvas empties it."""
 
 
 @pytest.fixture(scope="module")
@@ -103,3 +109,16 @@ def _wait_until_centred(page: Page) -> None:
         "((c, r) => Math.abs(c.x - (Math.min(...r) + Math.max(...r)) / 2) < 1e-6)(formation.view.camera,"
         " formation.model.robots.flatMap((one) => [one.place.x, one.slot.x]))",
     )
+
+
+def test_map_draws_posts_and_walls_in_place(browser: Browser) -> None:
+    found = {}
+    for things in (True, False):
+        scene = Scene(6)
+        if things:
+            scene.posts, scene.walls = [[-1.0, 0.3, 0.15]], [[-1.5, -0.4, -0.5, -0.4]]
+        with served(scene) as one, watched(browser, one.address, tolerated="Canvas2D") as page:
+            one.feed(3)
+            found[things] = until(page, f"{PIXELS}([[-1.0, 0.33], [-1.1, -0.4]])")
+    assert found[True][0] == found[True][1]
+    assert not set(found[True]) & set(found[False])
