@@ -81,7 +81,7 @@ def json_output(*words: str) -> dict[str, Any]:
 
 
 def test_rehearsals_with_dask_equal_those_without(cluster: tuple[str, Any]) -> None:
-    words = ("rehearse", "turtlebot3_pair", "--seeds", "6")
+    words = ("rehearse", "turtlebot3_pair", "--seeds", "3")
     assert json_output(*words, "--dask", cluster[0]) == json_output(*words)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.child import started as child_started
 from tests.support.launched import result_of, started
 
 pytestmark = pytest.mark.processes
@@ -27,14 +26,9 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_fleet_runs_beside_foreign_modules(workspace: Path) -> None:
-    with started("turtlebot3_pair", "--duration", "4", "--no-page", folder=workspace) as process:
+    with started(
+        "turtlebot3_pair", "--watchdogs", "--duration", "4", "--no-page", folder=workspace
+    ) as process:
         result = result_of(process)
     assert result["robots"] == 3
     assert result["lost"] == 0
-
-
-def test_each_process_starts_beside_foreign_modules(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(workspace)
-    for module in ("agent", "agent.simulated", "agent.watchdog", "leader", "monitor"):
-        with child_started(f"formation.{module}", "--help") as child:
-            assert child.process.wait(30.0) == 0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from formation.deploy.testing.processes import ProcessFleet
 from formation.deploy.testing.pytest_plugin import MakeProcesses
 from tests.support.child import PATIENCE
 
@@ -18,35 +19,8 @@ pytestmark = pytest.mark.processes
 PAIR = "turtlebot3_pair"
 
 
-def test_pair_settles_obeys_orders_and_survives_agent_restart(process_fleet: MakeProcesses) -> None:
-    fleet = process_fleet(PAIR)
-    fleet.run_until_settled()
-    assert fleet.order("rotate", degrees=30.0).obeyed
-    fleet.run_until_settled()
-    fleet.kill("robot2")
-    outcome = fleet.order("hold")
-    assert outcome.missing == ["robot2"]
-    fleet.start("robot2")
-    assert fleet.order("run").obeyed
-    fleet.run_until_settled()
-    fleet.close()
-    assert fleet.recording.stat().st_size > 0
-
-
-def test_robot_recovers_after_cut_and_freeze(process_fleet: MakeProcesses) -> None:
-    fleet = process_fleet(PAIR)
-    fleet.run_until_settled()
-    fleet.cut(["robot2"], ["leader", "robot1"])
-    wait_for_state(fleet, "robot2", "hold")
-    fleet.heal()
-    wait_for_state(fleet, "robot2", "run")
-    fleet.freeze("robot2")
-    fleet.run(1.0)
-    fleet.thaw("robot2")
-    fleet.run_until_settled()
-
-
-def test_fleet_starts_given_driver_for_robot(process_fleet: MakeProcesses, tmp_path: Path) -> None:
+def test_pair_obeys_orders_and_survives_faults(process_fleet: MakeProcesses, tmp_path: Path) -> None:
+    """One of its robots is played by a driver, as a user's own may be."""
     driver = [
         sys.executable,
         "-m",
@@ -61,10 +35,36 @@ def test_fleet_starts_given_driver_for_robot(process_fleet: MakeProcesses, tmp_p
     fleet.run_until_settled()
     assert any("driver robot2" in file.name.replace("-", " ") for file in (tmp_path / "here").iterdir())
 
-
-def test_keyboard_drives_fleet_until_driver_is_killed(process_fleet: MakeProcesses) -> None:
-    fleet = process_fleet(PAIR)
+    assert fleet.order("rotate", degrees=30.0).obeyed
     fleet.run_until_settled()
+    fleet.kill("robot2")
+    outcome = fleet.order("hold")
+    assert outcome.missing == ["robot2"]
+    fleet.start("robot2")
+    assert fleet.order("run").obeyed
+    fleet.run_until_settled()
+
+    fleet.cut(["robot2"], ["leader", "robot1"])
+    wait_for_state(fleet, "robot2", "hold")
+    fleet.heal()
+    wait_for_state(fleet, "robot2", "run")
+    fleet.freeze("robot2")
+    fleet.run(1.0)
+    fleet.thaw("robot2")
+    fleet.run_until_settled()
+
+    drive_by_keys(fleet)
+    wait_for_state(fleet, "robot2", "hold")
+
+    fleet._child("robot2")._process.kill()  # without the fleet's knowledge
+    with pytest.raises(AssertionError, match=r"agent robot2 ended, exit code -9"):
+        fleet.run(10.0)
+    fleet.close()
+    assert fleet.recording.stat().st_size > 0
+
+
+def drive_by_keys(fleet: ProcessFleet) -> None:
+    """Drive with `formation drive` at a terminal, and kill it while it drives."""
     terminal, keyboard = pty.openpty()
     command = (sys.executable, "-m", "formation.deploy", "drive", PAIR, "-e", fleet._agents["leader"])
     with subprocess.Popen(command, stdin=keyboard) as driver:
@@ -74,16 +74,8 @@ def test_keyboard_drives_fleet_until_driver_is_killed(process_fleet: MakeProcess
             os.write(terminal, b"i")
             fleet.run(0.05)
         driver.kill()
-    wait_for_state(fleet, "robot2", "hold")
     os.close(terminal)
     os.close(keyboard)
-
-
-def test_process_that_ends_fails_run(process_fleet: MakeProcesses) -> None:
-    fleet = process_fleet(PAIR)
-    fleet._child("robot2")._process.kill()
-    with pytest.raises(AssertionError, match=r"agent robot2 ended, exit code -9"):
-        fleet.run(10.0)
 
 
 def test_driver_of_unknown_robot_is_refused(process_fleet: MakeProcesses) -> None:
@@ -91,10 +83,7 @@ def test_driver_of_unknown_robot_is_refused(process_fleet: MakeProcesses) -> Non
         process_fleet(PAIR, drivers={"robot9": ["true"]})
 
 
-def wait_for_state(fleet: object, robot: str, state: str) -> None:
-    from formation.deploy.testing.processes import ProcessFleet
-
-    assert isinstance(fleet, ProcessFleet)
+def wait_for_state(fleet: ProcessFleet, robot: str, state: str) -> None:
     for _ in range(600):
         if fleet.state(robot) == state:
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-import json
 import os
 import signal
 import subprocess
@@ -34,6 +33,7 @@ from formation.topics import (
     STATUS,
     command_topic,
 )
+from tests.processes.deploy.test_verify import assert_commands_reproduced
 from tests.support.launched import (
     Output,
     formed,
@@ -81,7 +81,8 @@ def at_rest(poses: Sequence[Pose]) -> bool:
 
 def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> None:
     name, mission = "six_robots", load("six_robots")
-    with started(name, "--duration", "90", "--record", "run.mcap", folder=tmp_path) as process:
+    recording = tmp_path / "run.mcap"
+    with started(name, "--duration", "90", "--record", recording.name, folder=tmp_path) as process:
         result = formed(process, 0.01, within=12.0)
     assert process.returncode == 0
     assert result["converged"]
@@ -103,7 +104,7 @@ def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> No
     assert processes["robots"]["published"] == 0
     assert processes["robots"]["robot"]["published"] == 2 * truths  # ground truth, and as much odometry
     assert result["recorded"] == to_the_fleet + truths
-    with (tmp_path / "run.mcap").open("rb") as file:
+    with recording.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         types, counts = {}, Counter[str]()
         for schema, channel, _ in reader.iter_messages():
@@ -114,7 +115,7 @@ def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> No
             counts[channel.topic] += 1
     assert types == topics_of(mission)
     assert counts.total() == result["recorded"]
-    said_by = payloads_of(tmp_path / "run.mcap")
+    said_by = payloads_of(recording)
     for robot in mission.followers:
         driven = [decode(Odometry, payload).stamp for payload in said_by[f"/{ODOM.key(robot)}"]]
         truths = [decode(Pose, payload).stamp for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"]]
@@ -125,6 +126,7 @@ def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> No
         # a busy robot skips a message, and publishes the next in time
         assert median(after - before for before, after in pairwise(meanwhile)) == pytest.approx(0.05, rel=0.1)
         assert len(driven) <= counts[f"/{CMD_VEL.key(robot)}"]
+    assert_commands_reproduced(recording)
 
 
 @pytest.mark.smoke
@@ -234,28 +236,3 @@ def test_bad_mission_exits_with_2_and_leaves_no_file(tmp_path: Path) -> None:
     assert err.count("\n") == 1
     assert "bad.toml" in err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
-
-
-def test_each_robot_acknowledges_orders_during_run(tmp_path: Path) -> None:
-    flags = ("--duration", "300", "--record", "run.mcap")  # a busy machine takes long for four orders
-    with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
-        assert process.stderr is not None
-        hint = process.stderr.readline().partition("another terminal: ")[2].split()
-        assert hint[:3] == ["formation", "stop", "turtlebot3_pair"]
-        links = hint[3:]  # empty if the mission's own ports were free
-        wait_until_running(process, 1.0)
-        answers = {}
-        for do in ("stop", "release", "hold", "run"):
-            order = ["stop", "turtlebot3_pair"] if do == "stop" else ["order", "turtlebot3_pair", do]
-            command = [sys.executable, "-m", "formation.deploy", *order, "--json", *links]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
-            assert done.returncode == 0, done.stdout + done.stderr
-            answers[do] = json.loads(done.stdout)
-        os.kill(process.pid, signal.SIGTERM)
-        assert result_of(process)["interrupted"]
-    reported = {do: answer["acknowledged"] for do, answer in answers.items()}
-    assert {one["robot"] for one in reported["stop"]} == {"leader", "robot1", "robot2"}
-    assert {one["mode"] for one in reported["stop"]} == {"stop"}
-    assert {one["robot"] for one in reported["hold"]} == {"leader", "robot1", "robot2"}
-    assert {one["mode"] for one in reported["release"]} == {"hold"}
-    assert all(one["ms"] < 1000.0 for answered in reported.values() for one in answered)

@@ -22,27 +22,27 @@ from tests.support.child import PATIENCE, free_endpoint
 from tests.support.launched import command
 
 pytestmark = pytest.mark.processes
-SIX = load("six_robots")
+PAIR = load("turtlebot3_pair")
 
 
 @contextmanager
 def running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """Start a run of six robots; yield its process, and flags with its endpoints, which may be unusual."""
-    arguments = ("run", "six_robots", "--duration", "300", "--no-page", "--json", "--record", "run.mcap")
+    """Start a run of two robots; yield its process, and flags with its endpoints, which may be unusual."""
+    arguments = ("run", "turtlebot3_pair", "--duration", "300", "--no-page", "--json", "--record", "run.mcap")
     with command(*arguments, folder=folder) as process:
         assert process.stderr is not None
         flags: list[str] = []
         for line in process.stderr:
             if "formation stop" in line:
                 flags = re.findall(r"-e|tcp/\S+", line)
-            if "6 run" in line:
+            if "2 run" in line:
                 yield process, flags
                 return
     raise AssertionError("the robots did not reach run")
 
 
-def watched(*flags: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    with command("watch", "six_robots", *flags, folder=folder) as process:
+def watched(*flags: str, folder: Path, mission: str = "turtlebot3_pair") -> subprocess.CompletedProcess[str]:
+    with command("watch", mission, *flags, folder=folder) as process:
         out, err = process.communicate(timeout=PATIENCE)
     return subprocess.CompletedProcess([], process.returncode, out, err)
 
@@ -72,8 +72,8 @@ def snapshots(*flags: str, folder: Path) -> Iterator[subprocess.CompletedProcess
 def all_run_in_table(look: subprocess.CompletedProcess[str]) -> bool:
     """Whether all robots run, by the table; check that the exit code agrees."""
     title, _, *rest = look.stdout.splitlines()
-    rows = [line.split() for line in rest[: len(SIX.names)]]
-    assert (title, [row[0] for row in rows]) == ("six-robots, field law", list(SIX.names)), look.stderr
+    rows = [line.split() for line in rest[: len(PAIR.names)]]
+    assert (title, [row[0] for row in rows]) == ("turtlebot3-pair, field law", list(PAIR.names)), look.stderr
     states = {row[1] if row[1] != "(leader)" else row[2] for row in rows}
     assert look.returncode in ({1} if "hold" in states else {0, 1})
     return look.returncode == 0 and states == {"run"}
@@ -82,14 +82,14 @@ def all_run_in_table(look: subprocess.CompletedProcess[str]) -> bool:
 def all_run_in_json(look: subprocess.CompletedProcess[str]) -> bool:
     """Whether all robots run, by the JSON output; check that the exit code agrees."""
     seen = json.loads(look.stdout)
-    assert (seen["all_run"], seen["mission"]) == (look.returncode == 0, "six-robots")
+    assert (seen["all_run"], seen["mission"]) == (look.returncode == 0, "turtlebot3-pair")
     return look.returncode == 0 and seen["formation_error"] is not None
 
 
-def test_watchers_show_formed_run_and_lose_no_message(tmp_path: Path) -> None:
+def test_watchers_show_run_and_its_stop_and_lose_no_message(tmp_path: Path) -> None:
     with running(tmp_path) as (run, flags), ExitStack() as stack:
         watchers = [
-            stack.enter_context(command("watch", "six_robots", "--json", *flags, folder=tmp_path))
+            stack.enter_context(command("watch", "turtlebot3_pair", "--json", *flags, folder=tmp_path))
             for _ in range(2)
         ]
         for watcher in watchers:
@@ -103,6 +103,7 @@ def test_watchers_show_formed_run_and_lose_no_message(tmp_path: Path) -> None:
             watcher.send_signal(signal.SIGINT)
             watcher.communicate(timeout=PATIENCE)  # it may block until its output is read
             assert watcher.returncode == 0
+        _check_stopped(tmp_path, flags)
         run.send_signal(signal.SIGINT)
         out, _ = run.communicate(timeout=60.0)
         result = json.loads(out.splitlines()[-1])
@@ -110,18 +111,17 @@ def test_watchers_show_formed_run_and_lose_no_message(tmp_path: Path) -> None:
         assert all(child["exit"] == 0 for child in result["processes"].values())
 
 
-def test_watch_once_exits_with_1_for_stopped_fleet_or_other_mission(tmp_path: Path) -> None:
-    with running(tmp_path) as (_, flags):
-        with command("order", "six_robots", "stop", *flags, folder=tmp_path) as order:
-            assert order.wait(PATIENCE) == 0
-        stopped = watched("--once", "--json", *flags, folder=tmp_path)
-        with command("watch", "convoy", "--once", "--json", *flags, folder=tmp_path) as process:
-            out, err = process.communicate(timeout=PATIENCE)
+def _check_stopped(folder: Path, flags: list[str]) -> None:
+    """Check that `watch --once` exits with 1 for a fleet that is stopped, and for another mission."""
+    with command("order", "turtlebot3_pair", "stop", *flags, folder=folder) as order:
+        assert order.wait(PATIENCE) == 0
+    stopped = watched("--once", "--json", *flags, folder=folder)
     assert stopped.returncode == 1
     assert not json.loads(stopped.stdout)["all_run"]
     assert json.loads(stopped.stdout)["other_mission"] == []
-    assert (process.returncode, json.loads(out)["other_mission"]) == (1, ["robot2", "robot3", "robot4"])
-    assert "robot2, robot3, robot4 run another mission than convoy" in err
+    other = watched("--once", "--json", *flags, folder=folder, mission="convoy")
+    assert (other.returncode, json.loads(other.stdout)["other_mission"]) == (1, list(PAIR.names))
+    assert "leader, robot1, robot2 run another mission than convoy" in other.stderr
 
 
 @pytest.mark.parametrize("flags", [[], ["--json"]])
@@ -129,8 +129,8 @@ def test_watch_without_answers_suggests_remedies(flags: list[str], tmp_path: Pat
     end = free_endpoint()
     unanswered = watched("--once", "-e", end, *flags, folder=tmp_path)
     assert unanswered.returncode == 1
-    assert unanswered.stderr.startswith(f"six-robots: no process answers at {end}\n")
-    assert "formation run six_robots" in unanswered.stderr
+    assert unanswered.stderr.startswith(f"turtlebot3-pair: no process answers at {end}\n")
+    assert "formation run turtlebot3_pair" in unanswered.stderr
     assert "-c FILE" in unanswered.stderr
     assert not unanswered.stdout or not json.loads(unanswered.stdout)["all_run"]
 
@@ -138,16 +138,16 @@ def test_watch_without_answers_suggests_remedies(flags: list[str], tmp_path: Pat
 def test_suggested_command_quotes_mission_filename() -> None:
     options = argparse.Namespace(mission="it's mine.toml", connect=[], config=None)
     (line,) = [
-        line for line in no_answer_message(SIX, options, "monitor").splitlines() if "formation run" in line
+        line for line in no_answer_message(PAIR, options, "monitor").splitlines() if "formation run" in line
     ]
     assert shlex.split(line.partition("? ")[2])[-1] == options.mission
 
 
 def test_watch_without_messages_reports_it_and_waits(tmp_path: Path) -> None:
-    with command("watch", "six_robots", "-e", free_endpoint(), folder=tmp_path) as process:
+    with command("watch", "turtlebot3_pair", "-e", free_endpoint(), folder=tmp_path) as process:
         assert process.stdout is not None
         output = [process.stdout.readline() for _ in range(2)]
-        assert output[0] == "six-robots: looking for the robots …\n"
+        assert output[0] == "turtlebot3-pair: looking for the robots …\n"
         while "no process answers" not in output[-1]:
             output.append(process.stdout.readline())
             assert output[-1], "the watch ended"
