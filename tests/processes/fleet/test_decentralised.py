@@ -34,11 +34,12 @@ from tests.support.child import PATIENCE, Child, started
 from tests.support.zenoh_admin import Peer, clients, inspect
 
 pytestmark = pytest.mark.processes
-SIX = load("six_robots")
-MISSIONS = (pytest.param("six_robots", marks=pytest.mark.slow), "patrol")
-"""The first mission that a user runs, and one with standbys and fallback neighbours."""
-OTHERS = ("turtlebot3_pair", "two_chains", "posts", "convoy")
-"""The other shipped missions."""
+MISSIONS = (
+    pytest.param("turtlebot3_pair", marks=pytest.mark.slow),
+    pytest.param("convoy", marks=pytest.mark.slow),
+    "patrol",
+)
+"""Robots that avoid each other, a leader that waits for its robots, and standbys with fallback neighbours."""
 
 
 class Team:
@@ -230,20 +231,3 @@ def test_each_process_listens_only_on_its_own_endpoints(team: Team) -> None:
 
 def endpoints(team: Team) -> tuple[str, ...]:
     return (*team.where.agents.values(), *team.where.robots.values())
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_other_shipped_missions_have_the_links_of_their_graph(name: str, tmp_path: Path) -> None:
-    with running(name, tmp_path / "run.mcap") as team:
-        test_agent_subscribes_to_its_neighbours_only(team)
-        test_candidates_subscribe_to_linked_agents_only(team)
-        test_fleet_links_are_those_of_graph_and_monitor(team)
-        test_agent_dials_only_earlier_partners_and_its_robot(team)
-        mission = team.mission
-        for robot in mission.followers:
-            graph = {
-                other
-                for other in mission.names
-                if other in mission.robots[robot].measurable or robot in mission.robots[other].measurable
-            }
-            assert set(partners(mission, robot)) == graph

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from formation.deploy.cli import main
 from formation.mission.file import load
 from formation.mission.model import Mission
 from tests.support.child import PATIENCE, Child, free_endpoint, started
@@ -51,13 +51,12 @@ class Team:
         self.file, self.mission, self.children = file, mission, children
 
     def order(self, *words: str, seconds: float = PATIENCE) -> Given:
-        """Run `formation order`, which waits `seconds` for answers."""
-        command = [sys.executable, "-m", "formation.deploy", "order", str(self.file), *words, "--json"]
-        done = subprocess.run(
-            [*command, "--timeout", f"{seconds:g}"], capture_output=True, text=True, check=False
-        )
-        assert done.stdout, done.stderr
-        return Given(done.returncode, json.loads(done.stdout), done.stderr)
+        """Give an order as `formation order` does, which waits `seconds` for answers."""
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err):
+            code = main(["order", str(self.file), *words, "--json", "--timeout", f"{seconds:g}"])
+        assert out.getvalue(), err.getvalue()
+        return Given(code, json.loads(out.getvalue()), err.getvalue())
 
 
 def mission_text(robots: int = 20, more: str = "") -> str:
