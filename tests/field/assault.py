@@ -11,8 +11,6 @@ from typing import Any
 from tests.field.team import VICTIM, Band, Team, longest_gap, mission
 from tests.support.namespaces import until
 
-BEFORE = 2.0
-"""Time before an attack from which commands are taken as normal [s]."""
 LASTS = 2.0
 """Duration of an attack [s]."""
 SILENCE = 0.3
@@ -30,14 +28,17 @@ def link(team: Team, name: str, victim: str = VICTIM, identity: Path | None = No
     }
 
 
+def usual(team: Team) -> Band:
+    """Wait until the victim drives settled; return the range of its commands."""
+    until(team.settled, what="settled before the attack")
+    return Band.of(team.commands()[-40:])
+
+
 @contextmanager
 def without_effect(team: Team) -> Iterator[None]:
     """Check that the body changes no command and no state of the victim."""
-    until(team.settled, what="settled before the attack")
-    time.sleep(BEFORE)
+    band = usual(team)
     start = time.monotonic()
-    usual = team.commands(since=start - BEFORE)
-    band = Band.of(usual)
     yield
     end = time.monotonic()
     until(lambda: team.commands(since=end), what="a command after the attack")
@@ -46,14 +47,6 @@ def without_effect(team: Team) -> Iterator[None]:
     assert longest_gap(during) < SILENCE
     assert [command for command in during if not band.holds(command)] == [], band
     assert team.states(since=start) <= {"run"}
-
-
-def attack(team: Team, kind: str, **how: Any) -> Any:
-    """Run an attack to its end; return the result that the attacker reports."""
-    running = team.attack(kind, **how)
-    done = running.event("done")["result"]
-    assert running.wait() == 0, running.errors
-    return done
 
 
 def wait_for_refusals(team: Team, kind: str, before: dict[str, int], by: int = 1) -> None:

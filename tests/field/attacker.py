@@ -1,6 +1,6 @@
-"""Attacks on a team: ``python -m tests.field.attacker KIND JSON`` runs one.
+"""Attacks on a team: ``python -m tests.field.attacker`` runs those that stdin names, one JSON line for each.
 
-Ends with an event ``done``, which has the result as the attacker sees it.
+Each ends with an event ``done``, which has the result as the attacker sees it.
 """
 
 from __future__ import annotations
@@ -57,11 +57,9 @@ def put(session: zenoh.Session, keys: list[str], seconds: float, rate: float = 4
 def query(session: zenoh.Session, keys: list[str]) -> int:
     """Request a stop as an operator does; return the number of replies."""
     payload = json_message.encode(OperatorRequest(do="stop"))
-    return sum(
-        reply.ok is not None
-        for key in keys
-        for reply in session.get(key, payload=payload, timeout=1.0, target=zenoh.QueryTarget.ALL)
-    )
+    how: dict[str, Any] = {"payload": payload, "timeout": 1.0, "target": zenoh.QueryTarget.ALL}
+    replies = [session.get(key, **how) for key in keys]
+    return sum(reply.ok is not None for received in replies for reply in received)
 
 
 def declare(session: zenoh.Session, keys: list[str], seconds: float) -> int:
@@ -180,4 +178,5 @@ def _paths(link: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], json.loads(sys.argv[2]))
+    for line in sys.stdin:
+        main(**json.loads(line))

@@ -8,8 +8,9 @@ Each robot is a computer of its own, with its agent, and the simulated robot on 
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
@@ -136,20 +137,35 @@ class Team:
         self.running["witness"] = self.computers[VICTIM].start(
             sys.executable, "-m", "tests.field.witness", "tcp/127.0.0.1:7447", VICTIM
         )
+        self.running["attacker"] = self.start_attacker()
         for name in ("leader", "robot1", "robot2"):
-            part = ("leader",) if name == "leader" else ("agent", "--robot", name)
-            self.running[name] = self.computers[name].start(
-                *self.formation(*part, "-c", str(self.desk.file(name)))
-            )
+            self.start_process(name)
         for name in ("leader", "robot1", "robot2"):
             self.running[name].event("ready")
+
+    def start_process(self, name: str) -> None:
+        """Start the leader or the agent of a robot."""
+        part = ("leader",) if name == "leader" else ("agent", "--robot", name)
+        self.running[name] = self.computers[name].start(
+            *self.formation(*part, "-c", str(self.desk.file(name)))
+        )
+
+    def start_attacker(self) -> Running:
+        """Start a process that runs the attacks it is told."""
+        return self.attacker.start(sys.executable, "-m", "tests.field.attacker", stdin=subprocess.PIPE)
 
     def formation(self, command: str, *flags: str) -> tuple[str, ...]:
         """A command line of `formation` for this mission."""
         return (sys.executable, "-m", "formation.deploy", command, str(self.source), *flags)
 
-    def attack(self, kind: str, **how: Any) -> Running:
-        return self.attacker.start(sys.executable, "-m", "tests.field.attacker", kind, json.dumps(how))
+    def attack(self, kind: str, **how: Any) -> Any:
+        """Run an attack to its end; return the result that the attacker reports."""
+        attacker = self.running["attacker"]
+        before = len(attacker.events("done"))
+        attacker.tell(attack(kind, **how))
+        until(lambda: len(attacker.events("done")) > before or attacker.ended, what=f"the end of {kind}")
+        assert not attacker.ended, attacker.errors
+        return attacker.events("done")[-1]["result"]
 
     def commands(self, since: float = 0.0, before: float = float("inf")) -> list[Command]:
         """Commands that the victim's robot received between two times [s, monotonic]."""
@@ -200,6 +216,11 @@ class Team:
         )
 
 
+def attack(kind: str, **how: Any) -> str:
+    """The line that tells an attacker what to do."""
+    return json.dumps({"kind": kind, "how": how})
+
+
 def longest_gap(commands: list[Command]) -> float:
     """Longest time between two successive commands [s]."""
     return max(later.at - earlier.at for earlier, later in pairwise(commands))
@@ -210,19 +231,14 @@ def mission() -> Mission:
 
 
 @contextmanager
-def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterator[Team]:
-    """A team that drives settled; or, with certificates that expire in so many seconds, that runs."""
+def driving(folder: Path) -> Iterator[Team]:
+    """A team that drives settled."""
     source = folder / "attacked.toml"
     source.write_text(TEXT, encoding="utf-8")
     with Field() as field:
         team = Team(field, prepared(mission(), folder / "secrets"), source)
-        for name, seconds in (expires or {}).items():
-            issued(team.desk, team.desk.folder / name, name, seconds=seconds)
         team.start()
-        if expires:  # which may be before a busy machine has settled
-            until(lambda: team.status().get("state") == "run", what="the victim runs")
-        else:
-            until(team.settled, 60.0, "the victim drives straight")
+        until(team.settled, 60.0, "the victim drives straight")
         yield team
 
 

@@ -18,7 +18,7 @@ from formation.protocol.attachment import PositionAttachment
 from formation.topics import POSITION
 from formation.transport.security.signing import Signer
 from formation.transport.session import Identity
-from tests.field.assault import attack, link
+from tests.field.assault import link
 from tests.field.team import VICTIM, Team, driving, mission
 from tests.support.namespaces import until
 
@@ -40,7 +40,7 @@ class Held(NamedTuple):
 @pytest.fixture(scope="module")
 def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
     with driving(tmp_path_factory.mktemp("team")) as team:
-        tape = attack(team, "listen", link=link(team, "monitor", THIEF), key=KEY, number=NUMBER)
+        tape = team.attack("listen", link=link(team, "monitor", THIEF), key=KEY, number=NUMBER)
         decoded = [
             json_message.decode(PositionAttachment, bytes.fromhex(attachment)) for _, attachment in tape
         ]
@@ -136,7 +136,7 @@ def relayed(held: Held, fields: dict[str, Any]) -> None:
             risen = decoded.order.model_copy(update={"beat": decoded.order.beat + count})
             decoded = decoded.model_copy(update={"order": risen})
         attachments.append(json_message.encode(decoded).hex())
-    attack(held.team, "relay", link=link(held.team, THIEF), key=KEY, attachments=attachments)
+    held.team.attack("relay", link=link(held.team, THIEF), key=KEY, attachments=attachments)
 
 
 @pytest.mark.parametrize("kind", list(FORGERIES))
@@ -160,7 +160,7 @@ def test_replayed_orders_change_nothing(held: Held) -> None:
     for count, one in enumerate(held.ran):
         decoded = one.model_copy(update={"publisher_id": publisher_id, "count": count + 1})
         attachments.append(json_message.encode(decoded).hex())
-    attack(team, "relay", link=link(team, THIEF), key=KEY, attachments=attachments)
+    team.attack("relay", link=link(team, THIEF), key=KEY, attachments=attachments)
     time.sleep(1.0)
     assert team.states(since=start) == {"hold"}
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
@@ -185,6 +185,6 @@ def test_leader_reports_forgeries(held: Held) -> None:
         {"publisher_id": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}
     )
     attachments = [json_message.encode(decoded).hex()]
-    attack(held.team, "relay", link=link(held.team, THIEF, "leader"), key=KEY, attachments=attachments)
+    held.team.attack("relay", link=link(held.team, THIEF, "leader"), key=KEY, attachments=attachments)
     alarm = "ALARM: robot1 relays a forged order: order not signed by leader: it has no signature"
     until(lambda: alarm in held.team.running["leader"].errors, what=held.team.running["leader"].errors[-500:])

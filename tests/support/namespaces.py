@@ -54,6 +54,8 @@ class Running:
     def __init__(self, process: subprocess.Popen[str], out: Path, err: Path) -> None:
         self.process = process
         self._out, self._err = out, err
+        self._read = 0  # bytes of its output of which the events are known
+        self._events: dict[str, list[dict[str, Any]]] = {}
 
     @property
     def pid(self) -> int:
@@ -72,9 +74,23 @@ class Running:
 
     def events(self, name: str) -> list[dict[str, Any]]:
         """The events of this name that it said so far, as the project's processes say them."""
-        lines = [line for line in self.output.splitlines(keepends=True) if line.endswith("\n")]
-        result = [json.loads(line) for line in lines if line.startswith("{")]
-        return [event for event in result if event.get("event") == name]
+        with self._out.open("rb") as file:
+            file.seek(self._read)
+            new = file.read()
+        whole = new[: new.rfind(b"\n") + 1]
+        self._read += len(whole)
+        for line in whole.decode(errors="replace").splitlines():
+            if line.startswith("{"):
+                event = json.loads(line)
+                self._events.setdefault(event.get("event", ""), []).append(event)
+        return list(self._events.get(name, ()))
+
+    def tell(self, line: str, *, last: bool = False) -> None:
+        """Write a line to its stdin, if it was started with one; close that after the last line."""
+        assert self.process.stdin is not None
+        print(line, file=self.process.stdin, flush=True)
+        if last:
+            self.process.stdin.close()
 
     def event(self, name: str, patience: float = PATIENCE) -> dict[str, Any]:
         """The last event of this name, waited for."""
@@ -112,14 +128,18 @@ class Computer:
         self._started: list[Running] = []
 
     def start(
-        self, *argv: str | Path, env: Mapping[str, str] | None = None, cwd: Path | None = None
+        self,
+        *argv: str | Path,
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+        stdin: int = subprocess.DEVNULL,
     ) -> Running:
         stem = self._folder / f"{self.name}.{len(self._started)}"
         out, err = stem.with_suffix(f"{stem.suffix}.out"), stem.with_suffix(f"{stem.suffix}.err")
         with out.open("w") as output, err.open("w") as errors:
             process = subprocess.Popen(
                 [*self.prefix, *map(str, argv)],
-                stdin=subprocess.DEVNULL,
+                stdin=stdin,
                 stdout=output,
                 stderr=errors,
                 env=env,
@@ -184,6 +204,8 @@ class Computer:
         """Kill whatever runs here, take the namespace away."""
         for running in self._started:  # one that has hardly begun is not in the namespace yet
             running.process.kill()
+            if running.process.stdin is not None:
+                running.process.stdin.close()
             running.process.wait(PATIENCE)
         _clear(self.namespace)
 
