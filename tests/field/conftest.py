@@ -19,6 +19,12 @@ def bundles(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return deployed.bundles(tmp_path_factory.mktemp("bundles"))
 
 
+@pytest.fixture(scope="session")
+def installed(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> deployed.Installed:
+    """Whole installations of `bundles`; do not change them."""
+    return deployed.Installed(bundles, tmp_path_factory.mktemp("installed"))
+
+
 @pytest.fixture
 def make_bundle(bundles: Path, tmp_path: Path) -> MakeBundle:
     """Function that makes light bundles of robot1."""

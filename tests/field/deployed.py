@@ -95,18 +95,35 @@ def install(robot: Path, prefix: Path, *flags: str) -> subprocess.CompletedProce
     return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=250, check=False)
 
 
+class Installed:
+    """Prefixes in which robots' bundles are installed, each when it is first asked for."""
+
+    def __init__(self, out: Path, folder: Path) -> None:
+        self._out, self._folder = out, folder
+
+    def prefixes(self, *names: str) -> dict[str, Path]:
+        """Prefixes by robot; what is in them must not be changed."""
+        found = {name: self._folder / name for name in names}
+        missing = [name for name, prefix in found.items() if not prefix.exists()]
+        with ThreadPoolExecutor() as pool:
+            for done in pool.map(self._install, missing):
+                assert done.returncode == 0, done.stderr
+        return found
+
+    def _install(self, name: str) -> subprocess.CompletedProcess[str]:
+        return install(self._out / name, self._folder / name, "--no-systemd")
+
+
 class Deployed:
     """A field in which every robot's bundle is installed, under a prefix of its own."""
 
-    def __init__(self, field: Field, out: Path, folder: Path) -> None:
-        self.field, self.out, self.mission = field, out, mission()
-        self.prefix = {name: folder / name for name in self.mission.names}
+    def __init__(self, field: Field, out: Path, installed: Installed, states: Path) -> None:
+        self.field, self.out, self.mission, self._states = field, out, mission(), states
+        states.mkdir()
+        self.prefix = installed.prefixes(*self.mission.names)
         self.computers = {name: field.computer(name) for name in (*self.mission.names, DESK)}
         self.running: dict[tuple[str, str], Running] = {}
         """Running processes by computer and unit."""
-        with ThreadPoolExecutor() as pool:
-            for done in pool.map(self._install, self.mission.names):
-                assert done.returncode == 0, done.stderr
 
     @property
     def desk(self) -> Computer:
@@ -127,8 +144,7 @@ class Deployed:
     def start_units(self, name: str) -> None:
         """Start the command lines of the robot's units."""
         for path in sorted((self.prefix[name] / "current" / "units").iterdir()):
-            state = str(self.prefix[name] / "state")
-            command = commands(path.read_text(encoding="utf-8"), state)[0]
+            command = commands(path.read_text(encoding="utf-8"), str(self._states / name))[0]
             self.running[name, path.stem] = self.computers[name].start(*command)
 
     def start_monitor(self, recording: Path) -> Running:
@@ -147,6 +163,3 @@ class Deployed:
         return self.desk.run(
             sys.executable, "-m", "formation.deploy", "order", desk / "mission.toml", do, *flags
         )
-
-    def _install(self, name: str) -> subprocess.CompletedProcess[str]:
-        return install(self.out / name, self.prefix[name], "--no-systemd")

@@ -12,7 +12,7 @@ import pytest
 
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.transport.wiring import partners
-from tests.field.deployed import Deployed
+from tests.field.deployed import Deployed, Installed
 from tests.support.namespaces import Computer, Field, Running, until
 
 pytestmark = pytest.mark.namespaces
@@ -22,11 +22,11 @@ NEAR = 0.02
 
 
 @pytest.fixture(scope="module")
-def team(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Deployed]:
+def team(bundles: Path, installed: Installed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Deployed]:
     """The running mission; the tests depend on their order."""
     folder = tmp_path_factory.mktemp("field")
     with Field() as field:
-        team = Deployed(field, bundles, folder / "robots")
+        team = Deployed(field, bundles, installed, folder / "states")
         for name in team.mission.followers:
             team.start_robot(name).event("ready")
         for name in team.mission.names:

@@ -24,7 +24,7 @@ def test_rollback_names_robots_without_earlier_release(
 ) -> None:
     assert field.deploy("push") == 0
     field.bundle("robot1", "r2")
-    assert field.deploy("push") == 0
+    assert field.deploy("push", "--only", "robot1") == 0
     capsys.readouterr()
     assert field.deploy("rollback") == 1
     output = capsys.readouterr().out
@@ -36,7 +36,9 @@ def test_rollback_names_robots_without_earlier_release(
     assert field.current("robot1") == "r2"
 
 
-def test_status_reports_installed_release_and_time(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+def test_status_reports_releases_and_differences_from_bundles(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert field.deploy("status") == 1
     assert capsys.readouterr().out.count("! nothing is installed") == 3
     assert field.deploy("push") == 0
@@ -46,12 +48,8 @@ def test_status_reports_installed_release_and_time(field: Field, capsys: pytest.
     assert (robot["ok"], robot["release"], robot["version"]["formation"]) == (True, "r1", "0.1.0")
     assert abs(robot["now"] - robot["since"]) < 60.0
 
-
-def test_status_names_differences_from_bundles(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
-    assert field.deploy("push") == 0
     field.bundle("robot1", "r2")
     (field.prefix("robot2") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
-    capsys.readouterr()
     assert field.deploy("status", "--host", "robot3=127.0.0.9") == 1
     output = capsys.readouterr().out
     assert "! release differs: r2 is in the bundle" in output

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.fleet import bundle, units, wheels
-from tests.field.deployed import HERE, commands, install
+from tests.field.deployed import HERE, Installed, commands, install
 from tests.field.light import MakeBundle, light, release
 from tests.support.namespaces import until
 from tests.support.needs import path_of
@@ -27,12 +27,9 @@ ROOM = 145e6
 
 
 @pytest.fixture(scope="module")
-def whole(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(installed: Installed) -> Path:
     """A prefix with a whole installation; do not change it."""
-    prefix = tmp_path_factory.mktemp("robot1") / "formation"
-    done = install(bundles / "robot1", prefix, "--no-systemd")
-    assert done.returncode == 0, done.stderr
-    return prefix
+    return installed.prefixes("robot1")["robot1"]
 
 
 def current(prefix: Path) -> str:
@@ -103,39 +100,46 @@ def test_dry_run_prints_plan_and_changes_nothing(make_bundle: MakeBundle, tmp_pa
     assert not (tmp_path / "prefix").exists()
 
 
-def test_install_switches_release_and_keeps_three(make_bundle: MakeBundle, tmp_path: Path) -> None:
+def test_install_keeps_three_releases_and_any_that_runs(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    """One runs as after several installations with --no-restart: its process may import more."""
     prefix = tmp_path / "prefix"
-    bundles = [make_bundle(name) for name in ("one", "two", "three", "four")]
+    bundles = [make_bundle(name) for name in ("one", "two", "three", "four", "five")]
     names = [release(one) for one in bundles]
-    assert len(set(names)) == 4
-    for number, one in enumerate(bundles):
-        assert install(one, prefix, "--no-systemd").returncode == 0
+    assert len(set(names)) == 5
+
+    def switch(number: int) -> set[str]:
+        """Install a bundle; return the releases that are kept."""
+        before = current(prefix)
+        done = install(bundles[number], prefix, "--no-systemd")
+        assert done.returncode == 0, done.stderr
+        assert "this machine was" not in done.stdout
         assert current(prefix) == names[number]
-        if number:
-            assert (prefix / "previous").readlink().name == names[number - 1]
+        if before:
+            assert (prefix / "previous").readlink().name == before
         time.sleep(0.01)  # releases are kept by when they were used
-    assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
-    assert install(bundles[1], prefix, "--no-systemd").returncode == 0  # back to a release that was kept
-    assert current(prefix) == names[1]
-    assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
+        return {path.name for path in (prefix / "releases").iterdir()}
 
-
-def test_release_that_runs_is_kept(make_bundle: MakeBundle, tmp_path: Path) -> None:
-    """As after several installations with --no-restart: its process may import more."""
-    prefix, runs = tmp_path / "prefix", make_bundle("one")
-    assert install(runs, prefix, "--no-systemd").returncode == 0
-    library = prefix / "releases" / release(runs) / "mission.toml"
+    switch(0)
+    library = prefix / "releases" / names[0] / "mission.toml"
     with library.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ):
-        for name in ("two", "three", "four"):
-            assert install(make_bundle(name), prefix, "--no-systemd").returncode == 0
-        assert library.exists()
-    assert install(make_bundle("five"), prefix, "--no-systemd").returncode == 0
-    assert not library.exists()
+        switch(1)
+        switch(2)
+        assert switch(3) == set(names[:4])
+    assert switch(4) == set(names[2:])
+    assert switch(2) == set(names[2:])  # back to a release that was kept
 
 
-def test_interrupted_install_is_not_used_and_is_repeated(make_bundle: MakeBundle, tmp_path: Path) -> None:
+def test_broken_or_interrupted_install_is_not_used(make_bundle: MakeBundle, tmp_path: Path) -> None:
+    """Later the interrupted one is repeated."""
     prefix, one, two = tmp_path / "prefix", make_bundle("one"), make_bundle("two")
     assert install(one, prefix, "--no-systemd").returncode == 0
+    broken = make_bundle("broken", zenoh="raise ImportError('GLIBC_2.99 not found')")
+    done = install(broken, prefix, "--no-systemd")
+    assert done.returncode == 1
+    assert "GLIBC_2.99 not found" in done.stderr
+    assert "does not run here" in done.stderr
+    assert current(prefix) == release(one)
+
     half = prefix / "releases" / release(two)
     with subprocess.Popen(
         ["/bin/sh", two / "install.sh", "--prefix", prefix, "--no-systemd"],
@@ -184,17 +188,6 @@ def test_mission_edited_in_bundle_is_refused(make_bundle: MakeBundle, tmp_path: 
     assert done.returncode == 2
     assert "mission.toml was changed after the bundles were made" in done.stderr
     assert not (tmp_path / "prefix").exists()
-
-
-def test_release_that_cannot_run_is_not_activated(make_bundle: MakeBundle, tmp_path: Path) -> None:
-    prefix, one = tmp_path / "prefix", make_bundle("one")
-    assert install(one, prefix, "--no-systemd").returncode == 0
-    broken = make_bundle("two", zenoh="raise ImportError('GLIBC_2.99 not found')")
-    done = install(broken, prefix, "--no-systemd")
-    assert done.returncode == 1
-    assert "GLIBC_2.99 not found" in done.stderr
-    assert "does not run here" in done.stderr
-    assert current(prefix) == release(one)
 
 
 def test_wheel_with_wrong_hash_is_not_installed(make_bundle: MakeBundle, tmp_path: Path) -> None:
@@ -276,11 +269,7 @@ def test_incomplete_bundle_is_refused(make_bundle: MakeBundle, tmp_path: Path, p
 
 
 def test_install_reports_change_of_robot(make_bundle: MakeBundle, tmp_path: Path) -> None:
-    for name, robot, result in (
-        ("one", "robot1", False),
-        ("two", "robot1", False),
-        ("three", "robot2", True),
-    ):
+    for name, robot, result in (("one", "robot1", False), ("two", "robot2", True)):
         done = install(make_bundle(name, robot=robot), tmp_path / "prefix", "--no-systemd")
         assert done.returncode == 0, done.stderr
         assert ("this machine was robot1, and is robot2 now" in done.stdout) is result

@@ -92,6 +92,14 @@ def test_units_are_installed_and_started_with_own_user(make_bundle: MakeBundle, 
     assert "nothing to do" in again.stdout
     assert host.calls == []
 
+    unit = host.units / "formation-watchdog.service"
+    right = unit.read_text()
+    unit.write_text("[Service]\n")
+    assert "formation-watchdog.service" in host.install(one, "--dry-run").stdout
+    assert unit.read_text() == "[Service]\n"
+    assert host.install(one).returncode == 0
+    assert unit.read_text() == right
+
 
 def test_units_of_earlier_role_are_ended(make_bundle: MakeBundle, host: Host) -> None:
     """The agent of a machine that has become the leader's ends; that of another prefix stays."""
@@ -103,7 +111,10 @@ def test_units_of_earlier_role_are_ended(make_bundle: MakeBundle, host: Host) ->
     (leader / "units" / old[1]).rename(leader / "units" / "formation-leader.service")
     standby = host.units / "formation-standby.service"
     standby.write_text(texts[0].replace(units.PREFIX, "/opt/another"))
-    assert host.install(leader, "--no-restart").returncode == 0
+    done = host.install(leader, "--no-restart")
+    assert done.returncode == 0, done.stderr
+    assert not [call for call in host.calls if "restart" in call]
+    assert "running services were left alone" in done.stdout
     assert (host.units / old[0]).exists()
     assert f"would end and remove {' '.join(old)}:" in host.install(leader, "--dry-run").stdout
     assert host.install(leader).returncode == 0
@@ -117,7 +128,7 @@ def test_units_of_earlier_role_are_ended(make_bundle: MakeBundle, host: Host) ->
 def test_failed_start_is_repeated_by_next_install(
     make_bundle: MakeBundle, host: Host, *, active: bool
 ) -> None:
-    """The release is current by then, but what runs is the one before."""
+    """The release is current by then, but what runs is the one before. Without bringup, no agent starts."""
     if active:
         host.active.touch()
     host.broken.touch()
@@ -127,36 +138,13 @@ def test_failed_start_is_repeated_by_next_install(
     assert "installed, but not started" in done.stderr
     assert "would start the units" in host.install(one, "--dry-run").stdout
     host.broken.unlink()
-    assert host.install(one).returncode == 0
-    assert host.calls[-1].startswith("restart formation-")
+    done = host.install(one)
+    assert done.returncode == 0, done.stderr
+    agent = "formation-agent.service " if active else ""
+    assert host.calls[-1] == f"restart {agent}formation-watchdog.service"
+    waits = "formation-agent starts with turtlebot3.service, which does not run now"
+    assert (waits in done.stdout) is not active
     assert "nothing to do" in host.install(one).stdout
-
-
-def test_changed_unit_is_restored(make_bundle: MakeBundle, host: Host) -> None:
-    one = make_bundle()
-    assert host.install(one).returncode == 0
-    unit = host.units / "formation-watchdog.service"
-    right = unit.read_text()
-    unit.write_text("[Service]\n")
-    assert "formation-watchdog.service" in host.install(one, "--dry-run").stdout
-    assert unit.read_text() == "[Service]\n"
-    assert host.install(one).returncode == 0
-    assert unit.read_text() == right
-
-
-def test_only_watchdog_starts_without_running_bringup(make_bundle: MakeBundle, host: Host) -> None:
-    done = host.install(make_bundle())
-    assert done.returncode == 0, done.stderr
-    assert host.calls[-1] == "restart formation-watchdog.service"
-    assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
-
-
-def test_flag_no_restart_leaves_services_running(make_bundle: MakeBundle, host: Host) -> None:
-    host.active.touch()
-    done = host.install(make_bundle(), "--no-restart")
-    assert done.returncode == 0, done.stderr
-    assert not [call for call in host.calls if "restart" in call]
-    assert "running services were left alone" in done.stdout
 
 
 def test_python_in_a_home_directory_is_refused(make_bundle: MakeBundle, host: Host) -> None:

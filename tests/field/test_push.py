@@ -29,9 +29,10 @@ from tests.field.sshd import Server, sshd
 pytestmark = pytest.mark.ssh
 
 
-def test_push_installs_every_bundle_on_its_own_robot(
+def test_push_installs_every_bundle_and_second_push_changes_nothing(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (field.bundles / "robot1" / "mission.toml").chmod(0o664)
     assert field.deploy("push", "--json") == 0
     robots = result(capsys)["robots"]
     for name in ROBOTS:
@@ -39,15 +40,17 @@ def test_push_installs_every_bundle_on_its_own_robot(
         assert manifest(there) == manifest(here)
         assert robots[name]["files"] == len(manifest(here)) == 5
         assert robots[name]["bytes"] == sum(path.stat().st_size for path in here.rglob("*") if path.is_file())
-
-
-def test_key_is_private_on_robot_and_mission_is_readable(field: Field) -> None:
-    (field.bundles / "robot1" / "mission.toml").chmod(0o664)
-    assert field.deploy("push") == 0
     for folder in ("current", "incoming"):
         assert mode(field.prefix("robot1") / folder / "robot.key") == 0o600
         assert mode(field.prefix("robot1") / folder / "mission.toml") == 0o644
     assert mode(field.prefix("robot1") / "incoming") == 0o700
+
+    before = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
+    assert field.deploy("push") == 0
+    assert capsys.readouterr().out.count("up to date, not touched") == 3
+    after = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
+    assert after.keys() == before.keys()
+    assert {path for path in after if after[path] != before[path]} <= {field.prefix("robot1") / "incoming"}
 
 
 def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> None:
@@ -71,53 +74,30 @@ def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> Non
     assert modes == {0o600}
 
 
-def test_second_push_changes_nothing(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
-    assert field.deploy("push") == 0
-    before = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
-    capsys.readouterr()
-    assert field.deploy("push") == 0
-    output = capsys.readouterr().out
-    assert output.count("up to date, not touched") == 3
-    after = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
-    assert after.keys() == before.keys()
-    assert {path for path in after if after[path] != before[path]} <= {field.prefix("robot1") / "incoming"}
-
-
-def test_push_of_new_release_sends_only_changed_files(
+def test_push_sends_only_what_changed_here_or_on_robot(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push") == 0
+    (field.prefix("robot1") / "incoming" / "mission.toml").write_text("tampered", encoding="utf-8")
+    (field.prefix("robot1") / "incoming" / "extra").write_text("tampered", encoding="utf-8")
     folder = field.bundle("robot2", "r2")
     (folder / "robot.key").unlink()
+    (field.prefix("robot3") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
     capsys.readouterr()
     assert field.deploy("push", "--json") == 0
     robots = result(capsys)["robots"]
+
+    assert robots["robot1"]["files"] == 1
+    assert manifest(field.prefix("robot1") / "incoming") == manifest(field.bundles / "robot1")
+
     changed = sum((folder / name).stat().st_size for name in ("VERSION.json", "mission.toml"))
     assert (robots["robot2"]["files"], robots["robot2"]["bytes"]) == (2, changed)
-    assert [robots[name]["installed"] for name in ROBOTS] == [False, True, False]
+    assert robots["robot2"]["installed"] is True
     assert field.current("robot2") == "r2"
     assert manifest(field.prefix("robot2") / "current") == manifest(folder)
     assert (field.prefix("robot2") / "current" / "wheels" / "numpy.whl").read_bytes() == WHEEL
 
-
-def test_push_restores_files_changed_on_robot(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
-    assert field.deploy("push") == 0
-    (field.prefix("robot1") / "incoming" / "mission.toml").write_text("tampered", encoding="utf-8")
-    (field.prefix("robot1") / "incoming" / "extra").write_text("tampered", encoding="utf-8")
-    capsys.readouterr()
-    assert field.deploy("push", "--json") == 0
-    assert result(capsys)["robots"]["robot1"]["files"] == 1
-    assert manifest(field.prefix("robot1") / "incoming") == manifest(field.bundles / "robot1")
-
-
-def test_file_changed_on_robot_is_restored(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
-    assert field.deploy("push") == 0
-    (field.prefix("robot1") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
-    capsys.readouterr()
-    assert field.deploy("push", "--json") == 0
-    robots = result(capsys)["robots"]
-    assert (robots["robot1"]["installed"], robots["robot1"]["restored"]) == (True, ["mission.toml"])
-    assert robots["robot2"]["installed"] is False
+    assert (robots["robot3"]["installed"], robots["robot3"]["restored"]) == (True, ["mission.toml"])
     assert field.deploy("status") == 0
 
 
@@ -133,17 +113,17 @@ def test_push_of_an_older_bundle_is_noted(field: Field, capsys: pytest.CaptureFi
     """Another desk has pushed meanwhile."""
     made = "2026-06-01T12:00:00+00:00", "2026-06-01T13:00:00+00:00"
     field.note("robot1", made=made[1])
-    assert field.deploy("push") == 0
+    assert field.deploy("push", "--only", "robot1") == 0
     field.bundle("robot1", "r0")
     field.note("robot1", made=made[0])
     capsys.readouterr()
-    assert field.deploy("push") == 0
+    assert field.deploy("push", "--only", "robot1") == 0
     output = capsys.readouterr().out
     assert "robot1  r0  installed (was r1); " in output
     assert f"NOTE: what it replaces is newer, made {made[1]}" in output
     field.bundle("robot1", "r2")
     field.note("robot1", made=made[1])
-    assert field.deploy("push", "--json") == 0
+    assert field.deploy("push", "--only", "robot1", "--json") == 0
     robot = result(capsys)["robots"]["robot1"]
     assert (robot["replaced"], robot["newer"]) == ("r0", None)
 
@@ -308,7 +288,7 @@ def test_failed_installation_shows_output_and_keeps_running_release(
     assert "| no wheel fits this Python" in output
     assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r2"]
     field.bundle("robot2", "r2")
-    assert field.deploy("push") == 0
+    assert field.deploy("push", "--only", "robot2") == 0
     assert field.current("robot2") == "r2"
 
 
