@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import json
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
-from formation.deploy.cli import main
 from formation.deploy.fleet import access, certificates
 from formation.mission.file import load, read
 from formation.transport.bus import Bus, BusConfig
@@ -73,31 +71,17 @@ class Team:
 
     def doctor(self, *arguments: str, seconds: float = 2.0) -> Report:
         words = ["doctor", str(self.path), "--seconds", str(seconds), "--json", *arguments]
-        code, out, err = _apart(words) if "-c" in words else _here(words)
-        assert code in {0, 1}, err
-        robots: dict[str, Any] = json.loads(out)["robots"]
+        done = subprocess.run(
+            [sys.executable, "-m", "formation.deploy", *words],
+            capture_output=True, text=True, timeout=2.0 * PATIENCE, check=False,
+        )  # fmt: skip
+        assert done.returncode in {0, 1}, done.stderr
+        robots: dict[str, Any] = json.loads(done.stdout)["robots"]
         findings = {
             name: [finding["name"] for one in checks.values() for finding in one["findings"]]
             for name, checks in robots.items()
         }
-        return Report(code, findings, err.rstrip())
-
-
-def _here(words: list[str]) -> tuple[int, str, str]:
-    """Run a command in this process; return its exit code, output and errors."""
-    out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        code = main(words)
-    return code, out.getvalue(), err.getvalue()
-
-
-def _apart(words: list[str]) -> tuple[int, str, str]:
-    """Run a command with certificates, for which a session takes over the stdout of its process."""
-    done = subprocess.run(
-        [sys.executable, "-m", "formation.deploy", *words],
-        capture_output=True, text=True, timeout=2.0 * PATIENCE, check=False,
-    )  # fmt: skip
-    return done.returncode, done.stdout, done.stderr
+        return Report(done.returncode, findings, done.stderr.rstrip())
 
 
 @contextmanager
@@ -136,6 +120,7 @@ def test_doctor_follows_team_from_health_through_faults(tmp_path: Path, ros: str
         assert there.text.endswith("healthy: nothing is wrong")
         desk = fleet.doctor()
         assert (desk.code, desk.findings) == (0, {name: [] for name in NAMES}), desk.text
+        assert all(robot.taken and robot.troubles == {} for robot in fleet.robots.values())
         if ros == "ros2dds":
             _check_changed_mission(fleet)
             _check_second_agent(fleet)

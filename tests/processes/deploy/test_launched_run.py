@@ -75,12 +75,8 @@ def test_run_prints_page_address_before_table(runner: Runner) -> None:
     machine = runner(*good_programs(serves), record="b.mcap")
     assert f"Page: {invitation}\n" in machine.err
     assert "Page:" not in machine.out
-
-
-def test_run_without_page_prints_no_page_address(runner: Runner) -> None:
-    done = runner(*good_programs(), flags=("--no-page",))
-    assert done.code == 0
-    assert "Page:" not in done.out
+    none = runner(*good_programs(), flags=("--no-page",), record="c.mcap")
+    assert (none.code, "Page:" in none.out) == (0, False)
 
 
 @pytest.mark.parametrize(
@@ -295,13 +291,6 @@ def test_impossible_recording_folder_is_refused(runner: Runner, tmp_path: Path) 
     (tmp_path / "recordings").write_text("a file, not a folder")
     done = runner(*good_programs())
     assert done.code == 2
-    assert done.err.count("\n") == 1
-
-
-def test_too_long_recording_name_is_refused(runner: Runner) -> None:
-    done = runner(*good_programs(), record=f"{'long' * 75}.mcap")
-    assert (done.code, done.out) == (2, "")
-    assert done.err.endswith("long.mcap: File name too long\n")
     assert done.err.count("\n") == 1
 
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -254,20 +253,6 @@ def test_each_operator_has_new_token(team: Team, events: list[Event]) -> None:
     tokens = {Operator(SIX, team, events.append).token for _ in range(20)}
     assert len(tokens) == 20
     assert min(map(len, tokens)) >= 43  # 256 bits
-
-
-def test_outdated_page_may_stop_but_not_run_or_release(
-    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = time.time()
-    monkeypatch.setattr(control, "time", SimpleNamespace(time=lambda: now, monotonic=time.monotonic))
-    seen = now - 10.0
-    for do in ("run", "release"):
-        with pytest.raises(Overruled, match="shows what was 10 s ago"):
-            operator.order(do, seen=seen)
-    assert team.received == []
-    assert operator.order("run", seen=now + 5.0)["missing"] == []  # the clock was set back
-    assert operator.order("stop", seen=seen)["missing"] == []
 
 
 def test_missing_configuration_is_named_by_its_flag(tmp_path: Path, events: list[Event]) -> None:
