@@ -104,7 +104,8 @@ def test_lost_worker_loses_no_result(cluster: tuple[str, list[subprocess.Popen[b
     assert [1, *results] == [2**number for number in range(30)]
 
 
-def test_missing_scheduler_is_refused_with_its_address() -> None:
+def test_missing_scheduler_is_refused_with_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.deploy.rehearsal.workers.CONNECT_TIMEOUT_SECONDS", 1.0)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"

@@ -16,6 +16,7 @@ from typing import IO, Any
 
 import pytest
 
+from formation.deploy.cli import main
 from formation.deploy.links import no_answer_message
 from formation.mission.file import load
 from tests.support.child import PATIENCE, free_endpoint
@@ -125,14 +126,17 @@ def _check_stopped(folder: Path, flags: list[str]) -> None:
 
 
 @pytest.mark.parametrize("flags", [[], ["--json"]])
-def test_watch_without_answers_suggests_remedies(flags: list[str], tmp_path: Path) -> None:
+def test_watch_without_answers_suggests_remedies(
+    flags: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("formation.deploy.watch.COMPLETE_TIMEOUT_SECONDS", 0.1)
     end = free_endpoint()
-    unanswered = watched("--once", "-e", end, *flags, folder=tmp_path)
-    assert unanswered.returncode == 1
-    assert unanswered.stderr.startswith(f"turtlebot3-pair: no process answers at {end}\n")
-    assert "formation run turtlebot3_pair" in unanswered.stderr
-    assert "-c FILE" in unanswered.stderr
-    assert not unanswered.stdout or not json.loads(unanswered.stdout)["all_run"]
+    assert main(["watch", "turtlebot3_pair", "--once", "-e", end, *flags]) == 1
+    out, err = capsys.readouterr()
+    assert err.startswith(f"turtlebot3-pair: no process answers at {end}\n")
+    assert "formation run turtlebot3_pair" in err
+    assert "-c FILE" in err
+    assert not out or not json.loads(out)["all_run"]
 
 
 def test_suggested_command_quotes_mission_filename() -> None:
