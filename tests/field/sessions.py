@@ -49,8 +49,6 @@ class Sessions:
         self.desk, self._stack = desk, stack
         self.received: dict[str, Counter[str]] = {}
         """Number of received messages by process and key."""
-        self.payloads: dict[str, set[bytes]] = {}
-        """Received payloads by process."""
 
     def open(self, *processes: str) -> list[zenoh.Session]:
         return [self._open(process) for process in processes]
@@ -60,14 +58,10 @@ class Sessions:
         return self._stack.enter_context(zenoh.open(settings_of(config)))
 
     def listen(self, process: str, session: zenoh.Session, *keys: str) -> None:
-        received, result = (
-            self.received.setdefault(process, Counter()),
-            self.payloads.setdefault(process, set()),
-        )
+        received = self.received.setdefault(process, Counter())
 
         def receive(sample: zenoh.Sample) -> None:
             received[str(sample.key_expr)] += 1
-            result.add(sample.payload.to_bytes())
 
         for key in keys:
             session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
