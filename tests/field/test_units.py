@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -183,6 +184,13 @@ def test_agent_state_is_in_systemd_state_directory() -> None:
         assert units.PREFIX not in words[words.index("--state") + 1]
 
 
+@cache
+def help_of(command: str) -> str:
+    """What `formation COMMAND --help` prints."""
+    words = [sys.executable, "-m", "formation.deploy", command, "--help"]
+    return subprocess.run(words, capture_output=True, text=True, check=True).stdout
+
+
 def test_unit_commands_use_existing_flags() -> None:
     for of, name in UNITS:
         for text in units.units(of, name).values():
@@ -190,13 +198,7 @@ def test_unit_commands_use_existing_flags() -> None:
                 assert program == "@PREFIX@/current/venv/bin/formation"
                 assert arguments[0] == "@PREFIX@/current/mission.toml"
                 flags = [word for word in arguments if word.startswith("-")]
-                done = subprocess.run(
-                    [sys.executable, "-m", "formation.deploy", command, "--help"],
-                    capture_output=True,
-                    text=True,
-                    check=True,
-                )
-                assert all(flag in done.stdout for flag in flags), flags
+                assert all(flag in help_of(command) for flag in flags), flags
 
 
 def test_leader_has_no_watchdog_or_bringup_unit() -> None:
