@@ -244,6 +244,8 @@ class Agent:
             self._probe.rearm()
             self.neighbours.trust_all(now.mono)
             self.here.trust()
+            if self.perception is not None:
+                self.perception.trust()
         if self.decision.state is not decided:
             self.state.status_due = now.mono
         if self._tells_position:  # here, as a replica of this agent only acts

@@ -9,7 +9,7 @@ The robot is *locked* once its neighbours have been where they say in `LOCK_SCAN
 It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
 the error may be `MAX_RECKONING_ERROR`; others do not use it meanwhile. If for `MAX_REFUSED_TIME` neighbours
 are not where they say, it is no longer locked; also if, in `MAX_DISAGREED_SCANS` scans, as many are not where
-they say as are.
+they say as are. After `MAX_LOST_LOCKS` within `LOST_LOCKS_DISTANCE` it stands until an operator has looked.
 """
 
 from __future__ import annotations
@@ -70,6 +70,9 @@ LANDMARK_DISTANCE = 1.0
 """Distance at which a difference of headings counts for that [m]."""
 MAX_LOCKED_MISPLACEMENT = 0.1
 """The same from which on a robot is no longer locked [m]."""
+MAX_LOST_LOCKS, LOST_LOCKS_DISTANCE = 3, 5.0
+"""Number of locks that scans contradicted within so much travel [m], after which the robot stands until an
+operator has looked: odometry's heading may be wrong for good."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
 """By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
 MAX_WAIT = MAX_DELAY
@@ -142,6 +145,10 @@ class PerceptionState:
     """When a neighbour was seen last [s, monotonic]."""
     path: float = 0.0
     """Path since then [m]."""
+    travelled: float = 0.0
+    """Path since the start [m]."""
+    lost_locks: list[float] = field(default_factory=list)
+    """Where scans contradicted a lock [m travelled], within `LOST_LOCKS_DISTANCE`."""
     misplacement: float = 0.0
     """Difference of the pose from the estimate, towards which it moves slowly, at a usual landmark [m]."""
     refused_since: float = math.inf
@@ -184,6 +191,7 @@ class Perception:
         motion = travel.displacement * (here.state.measured / turned).conjugate()
         state.estimate = pose_filter.moved(state.estimate, motion, travel.turn, elapsed)
         state.path += abs(motion)
+        state.travelled += abs(motion)
         state.trail.append(_after(last, max(moment, last.moment), motion, turned))
         while len(state.trail) > 1 and state.trail[1].moment < moment - TRAIL_TIME:
             state.trail.popleft()
@@ -225,7 +233,11 @@ class Perception:
         here.align(state.estimate.position, state.estimate.heading)
         turn = abs(angle_between(here.state.measured, state.estimate.heading))
         state.misplacement = abs(state.estimate.position - here.state.position) + LANDMARK_DISTANCE * turn
-        state.locked = state.locked and state.misplacement < MAX_LOCKED_MISPLACEMENT
+        self._lock(locked=state.locked and state.misplacement < MAX_LOCKED_MISPLACEMENT)
+
+    def trust(self) -> None:
+        """Rely on new locks again: an operator holds the robot, and can look."""
+        self.state.lost_locks.clear()
 
     def sight(self, now: Now) -> Sight:
         """What the pose is based on."""
@@ -261,6 +273,8 @@ class Perception:
     def doubt(self, now: Now) -> Reason | None:
         """Why the pose cannot be relied on; None if it can."""
         state = self.state
+        if len(state.lost_locks) >= MAX_LOST_LOCKS:
+            return Reason.of(Code.SIGHT_UNRELIABLE, count=float(MAX_LOST_LOCKS), distance=LOST_LOCKS_DISTANCE)
         unplaced = [name for name, one in state.mates.items() if not one.placed]
         if not state.locked:
             absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
@@ -359,12 +373,21 @@ class Perception:
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
             placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
-            state.locked = placed or (state.locked and state.disagreed < MAX_DISAGREED_SCANS)
+            self._lock(locked=placed or (state.locked and state.disagreed < MAX_DISAGREED_SCANS))
         elif refused:
             state.refused_since = min(state.refused_since, moment)
-            state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
+            self._lock(locked=state.locked and moment - state.refused_since < MAX_REFUSED_TIME)
         if refused and state.estimate is not None:
             state.estimate = self._wider(state.estimate, seen=seen > 0)
+
+    def _lock(self, *, locked: bool) -> None:
+        """Store whether the robot is `locked`, and where a lock was lost that scans contradict."""
+        state = self.state
+        if state.locked and not locked and len(state.lost_locks) < MAX_LOST_LOCKS:
+            since = state.travelled - LOST_LOCKS_DISTANCE
+            state.lost_locks = [one for one in state.lost_locks if one >= since]
+            state.lost_locks.append(state.travelled)
+        state.locked = locked
 
     def _wider(self, estimate: Estimate, *, seen: bool) -> Estimate:
         """The estimate after a scan in which a neighbour is not where it says; `seen`: another one is."""

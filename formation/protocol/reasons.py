@@ -86,6 +86,7 @@ class Code(StrEnum):
     SIGHT_PLACING = "sight_placing"
     SIGHT_CONTRADICTED = "sight_contradicted"
     SIGHT_LOST = "sight_lost"
+    SIGHT_UNRELIABLE = "sight_unreliable"
     # about a robot that does not move as commanded
     MOTION_FROZEN = "motion_frozen"
     MOTION_TURN = "motion_turn"
@@ -190,6 +191,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {limit:.3f} m; goes on when that is corrected",
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
         " clear the view, or put the robot back in its place, its start pose if it has not driven",
+        Code.SIGHT_UNRELIABLE: "its range scans contradicted its position {count:.0f} times within"
+        " {distance:g} m; check odometry, wheels and how the scanner is mounted, then order hold and run",
         Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"
         " be off by {distance:.3f} m, limit {most:.3f} m; no position to rely on from {unplaced:names}, see"
         " to them first; clear the view, and check that the scanner sends new scans",

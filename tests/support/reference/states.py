@@ -113,7 +113,12 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     (
         "the robot must see its neighbours, and does not",
         _because(
-            "sight_doubt", Code.SIGHT_SEARCHING, Code.SIGHT_PLACING, Code.SIGHT_CONTRADICTED, Code.SIGHT_LOST
+            "sight_doubt",
+            Code.SIGHT_SEARCHING,
+            Code.SIGHT_PLACING,
+            Code.SIGHT_CONTRADICTED,
+            Code.SIGHT_LOST,
+            Code.SIGHT_UNRELIABLE,
         ),
     ),
     (

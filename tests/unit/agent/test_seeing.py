@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -12,10 +14,11 @@ from formation.agent.perception.perception import MAX_RECKONING_TIME
 from formation.mission.file import MissionError, parse, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState, Sight
-from formation.ros2.messages import LaserScan, decode, encode
-from formation.topics import SCAN
+from formation.ros2.messages import LaserScan, Odometry, decode, encode
+from formation.topics import ODOM, SCAN
 from formation.wire import Sample
 from tests.support.fleet import Fleet, Link
+from tests.support.meddling import altered
 from tests.support.missions import with_keys
 from tests.support.seeing import (
     STRAIGHT,
@@ -142,6 +145,23 @@ def test_robot_that_changed_places_with_neighbour_holds() -> None:
     carry(fleet, "robot2", way)
     carry(fleet, "robot3", -way)
     assert_contradicted(fleet, "robot3")
+
+
+def test_robot_with_wrong_odometry_heading_waits_for_operator() -> None:
+    """Odometry's heading is 45° off its path for good: each lock is wrong again after half a metre."""
+    fleet, robot = driving_triangle(), "robot7"
+    turn, key = cmath.rect(1.0, math.radians(45.0)), ODOM.key(robot)
+    fleet.meddle = altered(key, Odometry, lambda one: replace(one, heading=one.heading * turn))
+    assert fleet.driven(robot, 45.0) < 3.0
+    assert holds(fleet, robot, Code.SIGHT_UNRELIABLE)
+    assert fleet.driven(robot, 10.0) < 0.001
+    fleet.meddle = lambda sample: (sample,)
+    assert fleet.driven(robot, 10.0) < 0.001
+    fleet.ask(robot, "hold")
+    fleet.run(1.0)
+    fleet.ask(robot, "run")
+    assert fleet.driven(robot, 20.0) > 0.5
+    assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
 def test_robot_that_takes_neighbour_for_another_holds() -> None:
