@@ -15,7 +15,7 @@ from formation.agent.persistence.state import Json
 from formation.wire import Now, Sample
 
 SAVE_PERIOD = 0.25
-"""Period of saving the state [s]."""
+"""Period of saving the state [s]; for so long after the first time every step saves it."""
 RESTORE_TRIAL_TIME = 10.0
 """Time after restoring within which a failure of the agent is blamed on the saved state [s]."""
 MAX_SAVE_WAIT = 0.05
@@ -48,6 +48,7 @@ class Persistence:
         """`boot` is the id of the time since this machine was switched on or woke; empty if unknown."""
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]
+        self._since = float("inf")  # when the state was first saved [s, monotonic]
         self._requested = False  # since the newest step
         self._retry = float("-inf")  # when stops that could not be written are tried again [s, monotonic]
         self._unsaved = False  # whether a hold of its own may not be saved yet
@@ -103,7 +104,8 @@ class Persistence:
     def stepped(self, now: Now) -> None:
         """Save after a step, when the robot has already received its command.
 
-        The first state that can be saved is, at once: an agent that is killed soon must count as well.
+        The first state that can be saved is, at once, and so are those of the next steps: an agent that is
+        killed soon must count as well, and so must its motion.
         """
         if self._failed:
             return
@@ -143,5 +145,7 @@ class Persistence:
         self._unsaved = self._unsaved and (self._requested or not self._store.written(0.0))
         # the old state shows the doubt for which the robot holds, until that hold is saved
         if saved is not None and not self._unsaved:
-            self._due = now.mono + SAVE_PERIOD
+            self._since = min(self._since, now.mono)
+            young = now.mono - self._since < SAVE_PERIOD
+            self._due = now.mono if young else now.mono + SAVE_PERIOD
             self._store.write_state(saved)

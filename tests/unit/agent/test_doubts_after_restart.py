@@ -12,7 +12,7 @@ from formation.control.observer import Travel
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code
-from formation.protocol.status import AgentState
+from formation.protocol.status import AgentState, MotionFault
 from tests.support.examples import slow
 from tests.support.missions import with_robots
 from tests.support.recorded import all_alike, verify
@@ -83,13 +83,25 @@ def test_frozen_odometry_is_noticed_by_agents_that_live_shortly() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lives", [0.2, 0.24])
+def test_frozen_odometry_is_noticed_by_agents_that_crash_at_once(lives: float) -> None:
+    """Where only the first state and one a quarter of a second later were saved, it drove 0.92 and 1.24 m."""
+    fault = Fault("robot3", "frozen", 0.0, 3.0, 1e9)
+    team = Team(SIX, plants=with_faults(kinematic, [fault])).after(3.0)
+    assert path_over_restarts(team, "robot3", 6, lives) < 0.5
+    doubt = team.agents["robot3"].motion.state.doubt
+    assert doubt is not None
+    assert doubt.kind is MotionFault.FROZEN
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.1, 1.0])
 def test_working_odometry_of_agents_that_live_shortly_is_in_no_doubt(
     monkeypatch: pytest.MonkeyPatch, gap: float
 ) -> None:
     monkeypatch.setattr(restore, "MAX_STARTS", 100)
     team = Team(SIX).after(3.0)
-    for lives in (0.3, 0.5, 0.8, 1.5, 3.0) * 2:
+    for lives in (0.2, 0.3, 0.5, 0.8, 1.5, 3.0) * 2:
         team.replace("robot3", gap)
         team.run(lives)
         assert team.status("robot3").reason.code is Code.RUNNING
