@@ -70,8 +70,16 @@ def _agent(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             f"{facts.part}-silent",
             f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
-            f"is it running? systemctl status formation-{facts.part} there",
+            _is_it_running(facts),
         )
+    elif facts.status is not None and facts.status.received:
+        silence = facts.ended - facts.status.received[-1].arrived
+        if silence > MAX_SILENCE:
+            yield Finding(
+                f"{facts.part}-silent",
+                f"its {facts.part} fell silent: its last status is {silence:.1f} s old; limit {MAX_SILENCE:g} s",
+                _is_it_running(facts),
+            )
     if (
         facts.agent is not None
         and facts.agent.state is not AgentState.RUN
@@ -95,6 +103,10 @@ def _agent(facts: Facts) -> Iterator[Finding]:
             f"{', '.join(facts.doubled)} receives its positions from two agents",
             "end one of them; the second is not believed, but whichever started first is",
         )
+
+
+def _is_it_running(facts: Facts) -> str:
+    return f"is it running? systemctl status formation-{facts.part} there"
 
 
 def _agent_seen(facts: Facts) -> str:

@@ -131,6 +131,8 @@ class Facts:
     """Time of the examination [s since the epoch]."""
     seconds: float
     """Duration of listening [s]."""
+    ended: float = float("-inf")
+    """End of listening [s, monotonic]."""
     odometry: Stream | None = None
     pose: Stream | None = None
     scan: Stream | None = None

@@ -59,7 +59,7 @@ def robot_facts(
     """Return all facts about `robot`, which is this machine; `installed` is its mission file."""
     where = endpoints(mission).agents
     received: Listened = {}
-    trouble, routed, watchdog_state = "", None, None
+    trouble, routed, watchdog_state, ended = "", None, None, float("-inf")
     listeners: tuple[Party, ...] = ()
     speakers: tuple[Party, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
@@ -76,7 +76,7 @@ def robot_facts(
                 routed, watchdog_state = _routed(bus, naming, robot), _watchdog(bus, naming, robot)
                 for key in keys.values():
                     bus.subscribe(naming.wire(key), key)
-                received = _listen(bus, seconds)
+                received, ended = _listen(bus, seconds), time.monotonic()
                 found = list(_parties(bus, mission, naming, robot))
                 listeners = tuple(party for kind, party in found if kind == "MS")
                 speakers = tuple(party for kind, party in found if kind == "MP")
@@ -93,6 +93,7 @@ def robot_facts(
         robot=robot,
         on_robot=True,
         seconds=seconds,
+        ended=ended,
         odometry=None if external else _stream(partial(decode, Odometry), received.get(keys[ODOM], [])),
         pose=_stream(pose, received.get(keys[POSE], [])) if external else None,
         scan=scan if SCAN in keys else None,
@@ -143,7 +144,7 @@ def fleet_facts(
         for key in keys.values():
             bus.subscribe(key)
         early = _listen(bus, LINK_TIME, keys.values())
-        received = _listen(bus, seconds)
+        received, ended = _listen(bus, seconds), time.monotonic()
     for key, samples in early.items():
         received.setdefault(key, [])[:0] = samples
     with ThreadPoolExecutor(max_workers=16) as pool:
@@ -159,6 +160,7 @@ def fleet_facts(
             robot=name,
             on_robot=False,
             seconds=seconds,
+            ended=ended,
             status=stream,
             newest_status=newest,
             reached={name: reached[name]},

@@ -62,6 +62,7 @@ HEALTHY = Facts(
     on_robot=True,
     wall=WALL,
     seconds=3.0,
+    ended=103.0,
     odometry=stream(),
     position=stream(),
     status=stream(2.0),

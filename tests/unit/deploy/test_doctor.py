@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from formation.deploy.doctor import gather
 from formation.deploy.doctor.agent import two_ages
 from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, words
 from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
@@ -21,6 +22,10 @@ from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, LeaderState, LeaderStatus, RobotLink
+from formation.protocol.status_codec import to_message
+from formation.ros2.messages import encode
+from formation.topics import STATUS
+from formation.wire import Sample
 from tests.unit.deploy.commands import Capsys, refused
 from tests.unit.deploy.examined import (
     DAY,
@@ -125,6 +130,8 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "watchdog failed": ({"watchdog_unit": "failed"}, "watchdog-down", "systemd calls it failed"),
     "agent silent": ({"status": Stream(), "newest_status": None, "alive": ()}, "agent-silent",
         "no status in 3 s"),
+    "agent died while listening": ({"ended": 103.8}, "agent-silent",
+        "its agent fell silent: its last status is 1.3 s old; limit 1 s"),
     "unreadable status": (
         {"status": Stream(bad=("status: kind is missing, must be agent",)), "newest_status": None,
          "alive": ()},
@@ -330,3 +337,41 @@ def test_doctor_refuses_unsuitable_installation_with_reason(
     (home / "mission.toml").write_bytes(shipped()[mission].read_bytes())
     (home / "VERSION.json").write_text(json.dumps({"robot": robot}))
     assert why in refused(capsys, ["doctor", "--prefix", str(tmp_path)])
+
+
+class SilencedBus:
+    """Delivers one status of robot1, then nothing, as its agent has died; also the clock."""
+
+    def __init__(self) -> None:
+        self.mono = 100.0
+        payload = encode(to_message(status_of(), WALL))
+        self.waiting = [Sample(STATUS.key("robot1"), payload, None, self.mono)]
+
+    def __enter__(self) -> SilencedBus:
+        return self
+
+    def __exit__(self, *_error: object) -> None: ...
+
+    def subscribe(self, _key: str) -> None: ...
+
+    def wait(self, patience: float) -> None:
+        self.mono += 0.0 if self.waiting else patience
+
+    def drain(self) -> list[Sample]:
+        drained, self.waiting = self.waiting, []
+        return drained
+
+    def monotonic(self) -> float:
+        return self.mono
+
+    def time(self) -> float:
+        return WALL + self.mono
+
+
+def test_agent_that_dies_while_doctor_listens_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = SilencedBus()
+    monkeypatch.setattr(gather, "Bus", lambda _config: bus)
+    monkeypatch.setattr(gather, "time", bus)
+    monkeypatch.setattr(gather, "reach", lambda end, _papers: Reached(end, "ok", name="robot1"))
+    (facts,) = gather.fleet_facts(TB3, ["robot1"], 2.0, None, None, None)
+    assert found(facts)["agent-silent"] == "its agent fell silent: its last status is 2.0 s old; limit 1 s"
