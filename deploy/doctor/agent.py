@@ -77,7 +77,7 @@ def _agent(facts: Facts) -> Iterator[Finding]:
         if silence > MAX_SILENCE:
             yield Finding(
                 f"{facts.part}-silent",
-                f"its {facts.part} fell silent: its last status is {silence:.1f} s old; limit {MAX_SILENCE:g} s",
+                f"its {facts.part} fell silent: newest status {silence:.1f} s old; limit {MAX_SILENCE:g} s",
                 _is_it_running(facts),
             )
     if (

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 from formation.control.tracker import FRESH_PERIODS
 from formation.deploy.doctor.facts import Examination, Facts, Finding, Stream
+from formation.deploy.fleet.fleet import EXPIRING_LIFE_SHARE, RENEW
 from formation.protocol.status import RobotLink
 from formation.protocol.status_codec import LINKS
 from formation.ros2.tokens import hidden
@@ -23,11 +24,8 @@ MAX_REPEATED_SHARE = 0.5
 """Share of messages with a stamp that came before from which on a stream counts as frozen."""
 CHRONY_LIMIT = 0.02
 """Offset from NTP time from which on it is reported [s]."""
-EXPIRING_LIFE_SHARE = 0.2
-"""Remaining share of its life at which a certificate counts as about to expire."""
 OTHERS_MODE_BITS = 0o007
 """File mode bits of all other users."""
-RENEW = "formation deploy certificates MISSION --out DIR --renew, then bundle and push"
 
 
 def _link(facts: Facts) -> Iterator[Finding]:
@@ -291,8 +289,8 @@ def _certificate(facts: Facts) -> Iterator[Finding]:
             f"the key of {one.path} is readable by others (mode {one.mode:03o})",
             "chmod o= the key; if another user may have read it, renew it",
         )
+    when = f"{datetime.fromtimestamp(one.ends, UTC):%Y-%m-%d %H:%M} UTC"
     if now >= one.ends:
-        when = f"{datetime.fromtimestamp(one.ends, UTC):%Y-%m-%d %H:%M} UTC"
         yield Finding("certificate-expired", f"{one.path} has expired on {when}", RENEW)
     elif now < one.begins:
         yield Finding(
@@ -301,7 +299,9 @@ def _certificate(facts: Facts) -> Iterator[Finding]:
             "the clock is behind: set it, let chrony run",
         )
     elif one.ends - now < EXPIRING_LIFE_SHARE * (one.ends - one.begins):
-        yield Finding("certificate-expires", f"{one.path} expires in {_span(one.ends - now)}", RENEW)
+        yield Finding(
+            "certificate-expires", f"{one.path} expires on {when}, in {_span(one.ends - now)}", RENEW
+        )
 
 
 ROBOT_LINK = Examination("robot", _link, _link_seen)

@@ -157,6 +157,7 @@ def make(
                 "role": role(mission, name),
                 "bringup": "" if name in mission.candidates or bringup == systemd.NONE else bringup,
                 **facts,
+                "certificate_since": pairs[name].certificate.not_valid_before_utc.isoformat(),
                 "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
                 "units": sorted(path.name for path in (folder / "units").iterdir()),
                 "made": _made(out / name, releases[name], now),

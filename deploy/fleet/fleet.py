@@ -10,6 +10,7 @@ import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -27,6 +28,9 @@ BUNDLE = "BUNDLE.json"
 ADDRESS = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
 PLACE = re.compile(r"/[A-Za-z0-9_./{}-]+")
 """A prefix: absolute, and without special characters of a shell or systemd."""
+EXPIRING_LIFE_SHARE = 0.2
+"""Remaining share of its life at which a certificate counts as about to expire."""
+RENEW = "formation deploy certificates MISSION --out DIR --renew, then bundle and push"
 T = TypeVar("T")
 
 
@@ -60,6 +64,21 @@ class Bundle(NamedTuple):
         if name == "zenoh.json5":
             content = content.replace(b"@PREFIX@", prefix.removesuffix("/").encode())
         return hashlib.sha256(content).hexdigest()
+
+
+def expiry(version: Mapping[str, Any], now: float) -> str:
+    """Return when the certificate of a VERSION.json expires, and what to do; empty if that is not soon.
+
+    `now` [s since the epoch].
+    """
+    since, until = version.get("certificate_since"), version.get("certificate_until")
+    if since is None or until is None:  # made by an earlier version, or without certificates
+        return ""
+    ends = datetime.fromisoformat(until)
+    left = ends.timestamp() - now
+    if not 0.0 < left < EXPIRING_LIFE_SHARE * (ends - datetime.fromisoformat(since)).total_seconds():
+        return ""
+    return f"its certificate expires on {ends:%Y-%m-%d}, in {left / 86_400.0:.0f} days: {RENEW}"
 
 
 class Fleet(NamedTuple):

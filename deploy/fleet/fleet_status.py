@@ -28,6 +28,8 @@ class InstalledState(NamedTuple):
     """Differences as sentences; empty if there are none."""
     units: Mapping[str, Mapping[str, Any]]
     """State of each unit by systemd; empty if they do not matter."""
+    warning: str = ""
+    """What will soon be wrong."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -57,7 +59,10 @@ def state(bundle: Bundle, answer: Mapping[str, Any], prefix: str, *, units: bool
     if answer["release"] is None:
         return InstalledState(answer, ("nothing is installed",), {})
     return InstalledState(
-        answer, tuple(_differences(bundle, answer, prefix, units=units)), answer["units"] if units else {}
+        answer,
+        tuple(_differences(bundle, answer, prefix, units=units)),
+        answer["units"] if units else {},
+        fleets.expiry(answer["version"], answer["now"]),
     )
 
 
@@ -78,7 +83,8 @@ def words(fleet: Fleet, states: Mapping[str, InstalledState]) -> list[str]:
             restarts = f", {facts['restarts']} restarts" if facts["restarts"] else ""
             says = f"  {facts['says']}" if facts["says"] else ""
             lines.append(f"  {'':<{width}}  {unit}: {facts['active']}{restarts}{says}")
-        lines += [f"  {'':<{width}}  ! {text}" for text in one.differs]
+        warnings = [one.warning] if one.warning else []
+        lines += [f"  {'':<{width}}  ! {text}" for text in (*one.differs, *warnings)]
     other = [name for name, one in states.items() if one.differs]
     well = len(states) - len(other)
     return [
@@ -95,6 +101,7 @@ def report(fleet: Fleet, states: Mapping[str, InstalledState]) -> dict[str, Any]
             "address": fleet.robots[name].address,
             "bundle": fleet.bundles[name].release,
             "differs": list(one.differs),
+            "warning": one.warning,
             **one.reply,
         }
         for name, one in states.items()
@@ -133,7 +140,7 @@ def _of_identity(bundle: Bundle, reply: Mapping[str, Any]) -> Iterator[str]:
         yield f"this machine is {version['robot']}: is the address right?"
     until = version.get("certificate_until")
     if until is not None and datetime.fromisoformat(until).timestamp() <= reply["now"]:
-        yield f"by its clock its certificate has expired on {until}: renew it, bundle, push"
+        yield f"by its clock its certificate has expired on {until}: {fleets.RENEW}"
 
 
 def _of_units(reply: Mapping[str, Any]) -> Iterator[str]:

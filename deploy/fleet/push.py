@@ -166,7 +166,11 @@ def main(arguments: Sequence[str]) -> int:
     with shown as view:
         results = fleets.on_all(fleet, lambda robot: _one(fleet, robot, options, view))
     failed = [name for name, result in results.items() if isinstance(result, RemoteError)]
-    tell(options, "\n".join(_words(results, _pushed, failed)), lambda: _report(fleet, results))
+    now = datetime.now(UTC).timestamp()
+    expiries = {name: fleets.expiry(bundle.version, now) for name, bundle in fleet.bundles.items()}
+    lines = [f"{name}: {text}" for name, text in expiries.items() if text]
+    lines += _words(results, _pushed, failed)
+    tell(options, "\n".join(lines), lambda: _report(fleet, results, expiries))
     return 1 if failed else 0
 
 
@@ -177,7 +181,7 @@ def refuse_unfit(fleet: Fleet, now: datetime) -> None:
         if until is not None and datetime.fromisoformat(until) <= now:
             raise Refusal(
                 f"{bundle.folder}: the certificate of {name} has expired on {until}, and no robot would link"
-                " with it: formation deploy certificates --renew, bundle, push"
+                f" with it: {fleets.RENEW}"
             )
         if bundle.version.get("mission_sha256", bundle.mission_sha256) != bundle.mission_sha256:
             raise Refusal(
@@ -332,14 +336,16 @@ def _rolled_back(result: Mapping[str, Any]) -> Sequence[str]:
     return [*lines, f"  but its units did not start: {trouble}"] if trouble else lines
 
 
-def _report(fleet: Fleet, results: Mapping[str, Pushed | RemoteError]) -> dict[str, Any]:
+def _report(
+    fleet: Fleet, results: Mapping[str, Pushed | RemoteError], warnings: Mapping[str, str]
+) -> dict[str, Any]:
     robots = {}
     for name, result in results.items():
         if isinstance(result, RemoteError):
             robots[name] = {"ok": False, "reason": str(result), "lines": list(result.lines)}
         else:
             robots[name] = {"ok": True, **result._asdict()}
-        robots[name]["address"] = fleet.robots[name].address
+        robots[name] |= {"address": fleet.robots[name].address, "warning": warnings[name]}
     return {"ok": all(robot["ok"] for robot in robots.values()), "robots": robots}
 
 

@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +162,23 @@ def test_unfit_bundle_is_refused_before_anything_is_sent(
     assert field.deploy("push") == 2
     assert why in capsys.readouterr().err
     assert [field.current(name) for name in ROBOTS] == [None, None, None]
+
+
+def test_push_names_certificate_that_expires_soon(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    now = datetime.now(UTC)
+    soon, late = [(now + timedelta(days=days)).isoformat() for days in (4.5, 20.5)]
+    for robot, until in (("robot1", soon), ("robot2", late)):
+        begun = now - timedelta(days=25)
+        field.note(robot, certificate_since=begun.isoformat(), certificate_until=until)
+    expected = f"its certificate expires on {soon[:10]}, in 4 days: formation deploy certificates MISSION"
+    assert field.deploy("push") == 0
+    output = capsys.readouterr().out
+    assert f"robot1: {expected}" in output
+    assert output.count("expires") == 1
+    assert field.deploy("status") == 0
+    output = capsys.readouterr().out
+    assert f"! {expected}" in output
+    assert output.count("expires") == 1
 
 
 def test_robot_missing_from_bundles_is_named(field: Field, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
@@ -131,7 +131,7 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "agent silent": ({"status": Stream(), "newest_status": None, "alive": ()}, "agent-silent",
         "no status in 3 s"),
     "agent died while listening": ({"ended": 103.8}, "agent-silent",
-        "its agent fell silent: its last status is 1.3 s old; limit 1 s"),
+        "its agent fell silent: newest status 1.3 s old; limit 1 s"),
     "unreadable status": (
         {"status": Stream(bad=("status: kind is missing, must be agent",)), "newest_status": None,
          "alive": ()},
@@ -156,7 +156,7 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "mission-mixed", "robot2 runs mission 89ef4567",
     ),
     "certificate expiring": (certificate(begins=WALL - 25 * DAY, ends=WALL + 5 * DAY), "certificate-expires",
-        "c.pem expires in 5 days"),
+        "c.pem expires on 2027-01-20 08:00 UTC, in 5 days"),
     "certificate expired": (certificate(ends=WALL - 60.0), "certificate-expired",
         "c.pem has expired on 2027-01-15 07:59 UTC"),
     "certificate not yet valid": (certificate(begins=WALL + 7200.0), "certificate-not-yet-valid",
@@ -347,7 +347,7 @@ class SilencedBus:
         payload = encode(to_message(status_of(), WALL))
         self.waiting = [Sample(STATUS.key("robot1"), payload, None, self.mono)]
 
-    def __enter__(self) -> SilencedBus:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None: ...
@@ -374,4 +374,4 @@ def test_agent_that_dies_while_doctor_listens_is_named(monkeypatch: pytest.Monke
     monkeypatch.setattr(gather, "time", bus)
     monkeypatch.setattr(gather, "reach", lambda end, _papers: Reached(end, "ok", name="robot1"))
     (facts,) = gather.fleet_facts(TB3, ["robot1"], 2.0, None, None, None)
-    assert found(facts)["agent-silent"] == "its agent fell silent: its last status is 2.0 s old; limit 1 s"
+    assert found(facts)["agent-silent"] == "its agent fell silent: newest status 2.0 s old; limit 1 s"
