@@ -27,7 +27,7 @@ from formation.mission.model import Mission
 from formation.protocol import json_message, order
 from formation.protocol.addressed import Addressee
 from formation.protocol.attachment import Ballot, PositionAttachment
-from formation.protocol.election import begun, expiry, rank_of, without_absurd_terms
+from formation.protocol.election import absurd, begun, expiry, rank_of, without_absurd_terms
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Mode, Order, newer
 from formation.protocol.request import OperatorRequest
 from formation.protocol.status_codec import to_message
@@ -89,6 +89,7 @@ class Leader:
         self.plan = Plan(mission, hold=hold, signed=signer is not None, publisher_id=publisher_id)
         self.mission, self._anew, self._publisher_id, self._signer = mission, anew, publisher_id, signer
         self._forged: dict[str, tuple[int, str, float]] = {}  # by robot: how many, why, when [s, monotonic]
+        self._absurd: dict[str, float] = {}  # by robot, when it last relayed an absurd term [s, monotonic]
         self.candidacy = Candidacy(mission, self.name, known)
         self.operator_requests = OperatorRequests(
             self.name, self.plan, lambda: self.seat, Addressee(mission), alone=not mission.standbys
@@ -275,7 +276,9 @@ class Leader:
         attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         if attachment.mission != self.mission.tag:
             self.mixed[robot] = attachment.mission, sample.arrived
-        attachment = without_absurd_terms(attachment, now)
+        relayed, attachment = attachment, without_absurd_terms(attachment, now)
+        if attachment is not relayed:
+            self._note_absurd(robot, relayed, now)
         ahead = self._ahead(attachment.order)
         if sample.unverified or ahead:
             term = attachment.order.term if attachment.order else attachment.term
@@ -323,6 +326,13 @@ class Leader:
         if now.mono - when > FORGERY_TIME:
             self.notes.append(f"ALARM: {robot} relays a forged order: {why}")
             self._status_rate = Rate(STATUS_RATE)
+
+    def _note_absurd(self, robot: str, relayed: PositionAttachment, now: Now) -> None:
+        """Note, once until it has been over for a while, that a robot's term is ignored: a clock is wrong."""
+        if now.mono - self._absurd.get(robot, float("-inf")) > FORGERY_TIME:
+            term = max(relayed.term, relayed.voted_term, relayed.order.term if relayed.order else 0)
+            self.notes.append(f"ignores what {robot} relays of the leader: {absurd(term, now)}")
+        self._absurd[robot] = now.mono
 
     def _ahead(self, relayed: Order | None) -> str:
         """Return in words why a relayed order cannot be this leader's; empty if it can."""

@@ -165,7 +165,15 @@ def rank_of(term: int) -> int:
 def check_term(term: int, now: Now) -> None:
     """Raise BadMessage for a term that begins more than a day from now."""
     if term * 1e-9 - now.wall > MAX_TERM_OFFSET:
-        raise BadMessage(f"absurd term: begins {term * 1e-9 - now.wall:.0f} s from now")
+        raise BadMessage(absurd(term, now))
+
+
+def absurd(term: int, now: Now) -> str:
+    """Return what is wrong with a term that begins more than a day from now, in words."""
+    begins, limit = term * 1e-9 - now.wall, MAX_TERM_OFFSET
+    return (
+        f"absurd term: begins {begins:.0f} s from now, limit {limit:.0f} s; set the clocks (chronyc tracking)"
+    )
 
 
 def without_absurd_terms(attachment: PositionAttachment, now: Now) -> PositionAttachment:

@@ -14,7 +14,7 @@ from formation.protocol.attachment import Ballot
 from formation.protocol.order import Order
 from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
-from formation.wire import Outgoing
+from formation.wire import Now, Outgoing
 from tests.support.fleet import at
 from tests.unit.leader.leading import CURVED, SentPosition, arriving, ask, positions, relayed, status
 
@@ -159,6 +159,20 @@ def test_invalid_ballots_routes_and_positions_are_only_counted(mission: Mission)
     for key in ("cat/ballot", "cat/route", "bob/position", "eve/position"):
         leader.step(at(0.1), [arriving(Outgoing(key, b"\x00\x01\x00\x00junk", b"junk"), 0.1)])
     assert leader.dropped == {"cat/ballot": 1, "cat/route": 1, "bob/position": 1, "eve/position": 1}
+
+
+def test_standby_with_slow_clock_says_once_that_it_ignores_terms(mission: Mission) -> None:
+    """Its clock is 25 h behind, so the fleet's term seems to begin a day ahead."""
+    standby = Leader(mission, "cat")
+    newest = Order(term=TERM, beat=9, mode="run", shape="line")
+    early = TERM * 1e-9 - 25 * 3600.0
+    for step in range(40):
+        reported = relayed("bob", newest, voted_term=TERM, last_ballot=1, of=mission)
+        standby.step(Now(0.5 * step, early + 0.5 * step), [arriving(reported, 0.5 * step)])
+    (said,) = [note for note in standby.notes if "absurd" in note]
+    assert said.startswith(
+        "ignores what bob relays of the leader: absurd term: begins 90000 s from now, limit 86400 s; set"
+    )
 
 
 def test_only_listed_processes_are_candidates(mission: Mission) -> None:
