@@ -9,6 +9,7 @@ from formation.deploy.doctor.facts import Examination, Facts, Finding, Reached
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.protocol.status_codec import sentence
+from formation.topics import POSITION
 from formation.transport.wiring import role
 
 Sign = tuple[float, float]
@@ -204,9 +205,10 @@ def _network(facts: Facts) -> Iterator[Finding]:
         reached_well = name not in facts.reached or facts.reached[name].outcome == "ok"
         if facts.newest_status and reached_well and (age := _silence(facts, name)) is not None:
             since = "has never been received" if age < 0 else f"has been silent for {age:.1f} s"
+            refused = facts.agent.dropped_last.get(POSITION.key(name)) if facts.agent else None
             yield Finding(
                 "neighbour-silent",
-                f"its neighbour {name} {since}",
+                f"its neighbour {name} {since}" + (f"; newest refusal: {refused}" if refused else ""),
                 f"examine {name}: formation doctor there",
             )
 
