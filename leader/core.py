@@ -285,6 +285,10 @@ class Leader:
             attachment = attachment.model_copy(update={"order": None, "term": term})
             if sample.forged or ahead:
                 self._alarm(robot, sample.unverified or ahead, now)
+        if self._leads and attachment.order is not None and attachment.order.term == self.term:
+            beat = attachment.order.beat
+            sent = self._began + (beat - 1) * self.rate.period
+            self.plan.relays.receive(robot, beat, sent, sample.arrived)
         self.candidacy.receive(robot, attachment, sample.arrived, now)
         self.plan.cohesion.receive(robot, pose, sample.arrived)
         received = attachment.order
@@ -452,6 +456,7 @@ class Leader:
         """
         if self.beat == 0:
             self._began = mono
+            self.plan.relays.begin()
         periods = 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self.rate.period)
         return max(self.beat + (1 if changed or self.beat == 0 else 0), periods)
 

@@ -12,6 +12,7 @@ from typing import Literal
 
 from formation.leader.cohesion import Cohesion
 from formation.leader.driving import Driver
+from formation.leader.relays import Relays
 from formation.leader.route import DRIVEN, NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
@@ -162,7 +163,7 @@ class Plan:
         self.cohesion = Cohesion(mission)
         self.tuned: Tuned | None = None
         """Gains that replace the mission's."""
-        self.driver = Driver(publisher_id)
+        self.driver, self.relays = Driver(publisher_id), Relays()
         """Its velocity where it is driven by hand."""
         self.fenced: Breach | None = None
         """What would leave the bounds if the leader went on; None if nothing."""
@@ -237,6 +238,8 @@ class Plan:
             refusal = Result(ok=False, reason="stopped: release it, then order run", code="stopped")
         elif mode.rest.mode or (mode.base_mode == "hold" and mode.lost is None):
             refusal = held
+        elif why := self.relays.late(received):
+            refusal = Result(ok=False, reason=why)
         velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
         result = self.driver.accept(request.id, velocity, request.token or 0, received, refusal)
         if result.ok and not self.driven:

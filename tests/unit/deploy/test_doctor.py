@@ -115,8 +115,8 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "silent neighbour": ({"newest_status": status_of(age={"leader": 7.3})}, "neighbour-silent",
         "leader has been silent for 7.3 s"),
     "refused neighbour": (
-        {"newest_status": status_of(age={"leader": 7.3}, dropped_last={"leader/position": "too late: 0.6 s"})},
-        "neighbour-silent", "leader has been silent for 7.3 s; newest refusal: too late: 0.6 s",
+        {"newest_status": status_of(age={"leader": 7.3}, dropped_last={"leader/position": "late: 0.6 s"})},
+        "neighbour-silent", "leader has been silent for 7.3 s; newest refusal: late: 0.6 s",
     ),
     "no router": (
         {"router_trouble": "silent", "routed": None, "watchdog_state": None, "odometry": Stream(),

@@ -58,6 +58,16 @@ def test_robots_behind_a_slower_link_stand_soon_after_driver_lets_go(rehearsed_f
     assert at_rest(fleet)
 
 
+def test_leader_is_not_driven_while_orders_are_late(rehearsed_fleet: MakeRehearsed) -> None:
+    """The delay is the same from the start, so no robot can see it: it would stand 2 s after release."""
+    fleet = rehearsed_fleet("convoy", faults=["robot1:delay=2@0"], strict=False)
+    fleet.run(8.0)
+    fleet.drive(0.15, seconds=3.0)
+    plan = fleet._fleet.leading.plan
+    assert plan.where() == 0j
+    assert not plan.driven
+
+
 @pytest.mark.parametrize("seed", [0, *slow(1)])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_all_robots_stand_soon_after_a_failure(

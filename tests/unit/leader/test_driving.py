@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from formation.leader.core import Leader
 from formation.leader.driving import ramped
+from formation.leader.relays import Relays
 from formation.mission.file import parse, read
 from formation.protocol import json_message
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
@@ -387,3 +388,30 @@ def test_refused_first_request_does_not_clear_route_unknown() -> None:
     assert leader.plan.team_mode.lost is not None
     assert "order run" in driver.send(0.15, 0.1).reason
     assert leader.plan.team_mode.lost is None
+
+
+def test_constant_delay_of_relayed_orders_is_named() -> None:
+    relays = Relays()
+    for beat in range(1, 100):
+        sent = 0.05 * beat
+        relays.receive("robot2", beat, sent, sent + 0.4)
+        relays.receive("robot3", beat, sent, sent + 1.6)
+        named = sent + 1.6 >= 0.05 + 1.6 + 1.0 - 1e-9
+        assert relays.late(sent + 1.6).startswith("robot3 relays its orders 1.6 s old; limit 1.5 s") is named
+    relays.receive("robot3", 100, 5.0, 6.65)
+    assert relays.late(6.7)
+    relays.receive("robot3", 101, 5.05, 6.4)  # within the limit
+    assert relays.late(6.7) == ""
+
+
+def test_relayed_beat_that_no_longer_rises_is_ignored() -> None:
+    relays = Relays()
+    for beat in range(1, 50):
+        relays.receive("robot3", beat, 0.05 * beat, 0.05 * beat + 2.0)
+    assert relays.late(4.5)
+    for number in range(100):
+        relays.receive("robot3", 49, 2.45, 4.5 + 0.05 * number)
+    assert relays.late(6.0) == ""
+    relays.begin()
+    relays.receive("robot3", 1, 9.0, 9.1)
+    assert relays.late(9.2) == ""
