@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 import time
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -109,11 +110,17 @@ def _beginning(progress: Progress) -> str:
 
 
 def _events(progress: Progress, width: int, room: int) -> list[Text]:
-    """Return the newest events, in at most `room` lines."""
-    newest = list(progress.events)[-min(room, MAX_EVENT_LINES) :] if room > 0 else []
-    lines = [Text(happened(event), style=LEVELS.get(event.level, "")) for event in newest]
-    for text in lines:
-        text.truncate(width - 1 - ECHO)
+    """Return the newest events, wrapped, in at most `room` lines; of the newest the beginning at least."""
+    lines: list[Text] = []
+    for event in reversed(progress.events):
+        left = min(room, MAX_EVENT_LINES) - len(lines)
+        wrapped = textwrap.wrap(
+            happened(event), width - 1 - ECHO, subsequent_indent="  ", break_on_hyphens=False
+        )
+        if left <= 0 or (lines and len(wrapped) > left):
+            break
+        style = LEVELS.get(event.level, "")
+        lines = [*(Text(line, style=style) for line in wrapped[:left]), *lines]
     return lines
 
 

@@ -189,13 +189,27 @@ def test_events_are_listed_below_table_newest_last() -> None:
 @pytest.mark.parametrize("width", [60, 80])
 def test_events_use_at_most_the_remaining_lines(height: int, width: int) -> None:
     now = progress()
-    now.events += [LOST._replace(text=f"{number} " + "long " * 50) for number in range(60)]
+    now.events += [LOST._replace(text=f"{number} silent") for number in range(60)]
     lines = picture(now, width, height)
     assert len(lines) <= height - 1
     assert len(lines[-1] + "^C") < max(width, 80)
     reported = [text for text in lines if "robot4 lost: " in text]
     assert len(reported) == max(0, min(height - 1 - 10, 8))
     assert all("robot4 lost: 59 " in text for text in reported[-1:])
+
+
+@pytest.mark.parametrize("height", [12, 16, 24])
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_long_event_is_wrapped_within_the_remaining_lines(height: int, width: int) -> None:
+    now = progress()
+    before = len(picture(now, width, height))
+    now.events += [LOST._replace(text=f"{number} " + "long " * 20 + "end") for number in range(9)]
+    lines = picture(now, width, height)
+    assert len(lines) <= height - 1
+    assert all(len(text + "^C") < width for text in lines[before:])
+    shown = " ".join(text.strip() for text in lines[before:])
+    assert "robot4 lost: 8 long" in shown
+    assert shown.endswith("end") or height < 16
 
 
 def test_snapshot_adds_its_events_to_progress() -> None:
