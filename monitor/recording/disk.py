@@ -20,8 +20,12 @@ from typing import NamedTuple, TypeVar
 from formation.monitor.recording.channels import Channels
 from formation.monitor.recording.part import Chunk, Part
 from formation.monitor.recording.rotation import Room, Rotation, need_room, part_path
+from formation.monitor.recording.scan import MAX_SUMMARY_BYTES
 
 T = TypeVar("T")
+MAX_INDEX_BYTES = MAX_SUMMARY_BYTES // 2
+"""Size of a part's index from which on another part begins, whatever the flags say [bytes]: one above
+`MAX_SUMMARY_BYTES` is not read, and its part counts as damaged. A hundred robots take three hours."""
 RETRY_DELAY = 10.0
 """Time after a failure until the next try [s]."""
 _log = logging.getLogger(__name__)
@@ -206,8 +210,9 @@ class Disk:
             if self._part is None:
                 if chunk.handed >= self._retry:
                     self._begin(self._room.resume if self.failure else None)
-            elif self._begun is not None and self._rotation.is_due(
-                self._part.whole_size + len(chunk.raw), chunk.handed - self._begun
+            elif self._begun is not None and (
+                self._part.summary_size > MAX_INDEX_BYTES
+                or self._rotation.is_due(self._part.whole_size + len(chunk.raw), chunk.handed - self._begun)
             ):
                 self._end()
                 self._begin()

@@ -214,11 +214,16 @@ class Part:
     @property
     def whole_size(self) -> int:
         """Approximate size if it ended now [bytes]."""
+        return self.size + self.summary_size
+
+    @property
+    def summary_size(self) -> int:
+        """Approximate size of the index at the end if it ended now [bytes]."""
         if self._known != len(self._channels.channels):
             self._known = len(self._channels.channels)
             kinds = (*self._channels.schemas, *self._channels.channels)
             self._kinds_size = sum(len(packed(one)) for one in kinds)
-        return self.size + self._kinds_size + self._index.size + 10 * self._known + 1000
+        return self._kinds_size + self._index.size + 10 * self._known + 1000
 
     def append(self, chunk: Chunk) -> None:
         """Write a chunk to the operating system."""

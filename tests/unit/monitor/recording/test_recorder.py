@@ -27,6 +27,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.recording import disk, scan
 from formation.monitor.recording import part as part_module
 from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
@@ -109,6 +110,16 @@ def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -
     ]
     assert found == [(f"/{s.key}", s.payload, round((s.arrived + EPOCH) * 1e9)) for s in samples]
     assert recorded.recorded == Counter(sample.key for sample in samples)
+
+
+def test_index_stays_readable_without_rotation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disk, "MAX_INDEX_BYTES", 12_000)
+    monkeypatch.setattr(scan, "MAX_SUMMARY_BYTES", 24_000)
+    samples = Fleet().positions(10.0, 40.0)
+    paths = record(tmp_path / "run.mcap", samples, flush=True, rotation=Rotation(None, None)).paths
+    assert len(paths) > 1
+    found = read_back(paths[0])
+    assert (found.condition().damaged, len(list(found.messages()))) == (0, len(samples))
 
 
 def test_publish_time_is_the_stamp_if_present(tmp_path: Path) -> None:
