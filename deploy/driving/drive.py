@@ -89,6 +89,12 @@ def _within(flag: str, value: float | None, most: float, unit: str) -> float:
     return most if value is None else value
 
 
+def erased(line: str, columns: int) -> str:
+    """Return what erases a line at the cursor's left that a terminal of so many columns has wrapped."""
+    above = max(0, len(line) - 1) // columns
+    return f"\r\x1b[{above}A\x1b[J" if above else "\r\x1b[J"
+
+
 class _Drive:
     """Sends a velocity each period, and shows how the drive goes."""
 
@@ -128,7 +134,9 @@ class _Drive:
 
     def _show(self, line: str) -> None:
         if sys.stderr.isatty():
-            print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+            print(f"{erased(self._shown, columns)}{line}", end="", file=sys.stderr, flush=True)
+            self._shown = line
             return
         what = line.partition("  ")[2].partition(", answers")[0]
         if what != self._shown:

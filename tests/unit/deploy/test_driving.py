@@ -117,6 +117,14 @@ def test_keys_buffered_for_seconds_are_ignored(monkeypatch: pytest.MonkeyPatch) 
     os.close(master)
 
 
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [(0, "\r\x1b[J"), (40, "\r\x1b[J"), (41, "\r\x1b[1A\x1b[J"), (121, "\r\x1b[3A\x1b[J")],
+)
+def test_wrapped_line_is_erased_whole(length: int, expected: str) -> None:
+    assert drive.erased("x" * length, 40) == expected
+
+
 def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
     twists = Twists(0.2, 1.0)
     twists.take(0.1, -5.0, 1.0)
