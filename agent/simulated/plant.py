@@ -85,7 +85,7 @@ def measured(
     position: complex, heading: complex, body: Body, noise: np.random.Generator
 ) -> tuple[complex, complex]:
     """Return a position [m] and a heading with the noise of this body's sensors."""
-    x, y, angle = noise.normal(size=3)
+    x, y, angle = noise.normal(size=3).tolist()
     return (
         position + body.position_noise * complex(x, y),
         heading * cmath.rect(1.0, body.heading_noise * angle),

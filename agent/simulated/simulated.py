@@ -41,7 +41,7 @@ from formation.sensing import raycast
 from formation.simulation.body import Body
 from formation.topics import AMCL_POSE, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
 from formation.transport.runtime.loop import Pauses, Runtime
-from formation.transport.runtime.rate import Rate
+from formation.transport.runtime.rate import TICK_TOLERANCE, Rate
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
 _log = logging.getLogger(__name__)
@@ -102,6 +102,7 @@ class World:
         }
         self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
         self._sees_leader = any(mission.leader in robot.sees for robot in self._hosted.values())
+        self._due = -math.inf
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
@@ -125,7 +126,7 @@ class World:
     @property
     def due(self) -> float:
         """When the next robot's message is due [s, monotonic]."""
-        return min(rate.due for robot in self._hosted.values() for rate in robot.rates)
+        return self._due
 
     def plant(self, robot: str) -> Moving:
         """The body of a hosted robot, as of the last step."""
@@ -139,11 +140,14 @@ class World:
             except BadMessage:
                 self.dropped[sample.key] += 1
         outbox: list[Outgoing] = []
+        if now.mono - self._due < -TICK_TOLERANCE:  # as after most commands
+            return outbox
         for robot in self._hosted.values():
             if robot.ranging and robot.ranging.rate.tick(now.mono):
                 outbox += self._scanned(robot, robot.ranging, now)
             if robot.rate.tick(now.mono):
                 outbox += self._spoken(robot, now)
+        self._due = min(rate.due for robot in self._hosted.values() for rate in robot.rates)
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:  # noqa: ARG002 - a core's signature

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
 from formation.control.plane import rotation
@@ -75,13 +76,22 @@ def measured(
     `scale` is the systematic ratio of measured to true distances.
     """
     readings = []
+    least = max(scanner.noise, MIN_NOISE)
     for distance, deviation, chance in zip(distances, normal, uniform, strict=True):
+        if distance == math.inf or chance < scanner.lost:
+            readings.append(LOST_RANGE)
+            continue
         share = scanner.relative_noise if distance > scanner.growth_distance else 0.0
-        reading = scale * distance + max(scanner.noise, share * distance, MIN_NOISE) * deviation
-        lost = chance < scanner.lost or distance == math.inf
+        reading = scale * distance + max(least, share * distance) * deviation
         in_range = scanner.range_min <= reading <= scanner.range_max
-        readings.append(reading if in_range and not lost else LOST_RANGE)
+        readings.append(reading if in_range else LOST_RANGE)
     return tuple(readings)
+
+
+@cache
+def _rays(beams: int) -> tuple[complex, ...]:
+    """The direction of each beam, unit complex [scanner's frame]."""
+    return tuple(rotation(number * math.tau / beams) for number in range(beams))
 
 
 def _meet_disc(found: list[float], centre: complex, radius: float) -> None:
@@ -91,8 +101,9 @@ def _meet_disc(found: list[float], centre: complex, radius: float) -> None:
         found[:] = [0.0] * len(found)
         return
     middle, half = math.atan2(centre.imag, centre.real), math.asin(radius / distance)
+    rays = _rays(len(found))
     for number in _between(middle - half, middle + half, len(found)):
-        along = rotation(number * math.tau / len(found)).conjugate() * centre
+        along = rays[number].conjugate() * centre
         depth = radius * radius - along.imag * along.imag
         if depth >= 0.0:
             found[number] = min(found[number], along.real - math.sqrt(depth))
@@ -108,8 +119,9 @@ def _meet_wall(found: list[float], begin: complex, end: complex) -> None:
         begin, way, turn = end, -way, -turn
     first = math.atan2(begin.imag, begin.real)
     far = (begin + way) * begin.conjugate()
+    rays = _rays(len(found))
     for number in _between(first, first + math.atan2(far.imag, far.real), len(found)):
-        ray = rotation(number * math.tau / len(found))
+        ray = rays[number]
         across = ray.real * way.imag - ray.imag * way.real
         if across > 0.0:
             found[number] = min(found[number], turn / across)
