@@ -108,11 +108,8 @@ class Inbox:
             self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner, perception)
         for part in (neighbours, here, orders):
             self._handlers |= part.handlers
-
-    @property
-    def keys(self) -> tuple[str, ...]:
+        self.keys = tuple(self._handlers)
         """Every key that it subscribes to: own position, neighbours, and robots that it avoids."""
-        return tuple(self._handlers)
 
     def process_inbox(self, inbox: Sequence[Sample], now: Now) -> tuple[bool, float | None]:
         """Process `inbox`; whether an own position came, and the time since the one before [s]."""

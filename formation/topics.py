@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 Priority = Literal["real_time", "data", "background"]
@@ -53,14 +54,7 @@ class Topic:
 
     def key(self, robot: str = "", other: str = "") -> str:
         """The key for `robot` (and the `other` robot). ValueError for a missing or invalid name."""
-        for field, name in (("robot", robot), ("other", other)):
-            if ("{" + field + "}" in self.pattern) != bool(name):
-                raise ValueError(f"topic {self.name!r} has the key {self.pattern!r}: {field} is {name!r}")
-            if any(c in "/*$?#{}" or c.isspace() for c in name):
-                raise ValueError(
-                    f"{field} {name!r} cannot be part of a key: no spaces and none of / * $ ? # {{ }}"
-                )
-        return self.pattern.format(robot=robot, other=other)
+        return _key(self.name, self.pattern, robot, other)
 
     @property
     def from_robot(self) -> bool:
@@ -71,6 +65,18 @@ class Topic:
     def types(self) -> tuple[str, ...]:
         """Every ROS 2 type that is allowed on this key."""
         return tuple(t for t in (self.type, self.alternative) if t)
+
+
+@lru_cache(maxsize=4096)
+def _key(topic: str, pattern: str, robot: str, other: str) -> str:
+    for field, name in (("robot", robot), ("other", other)):
+        if ("{" + field + "}" in pattern) != bool(name):
+            raise ValueError(f"topic {topic!r} has the key {pattern!r}: {field} is {name!r}")
+        if any(c in "/*$?#{}" or c.isspace() for c in name):
+            raise ValueError(
+                f"{field} {name!r} cannot be part of a key: no spaces and none of / * $ ? # {{ }}"
+            )
+    return pattern.format(robot=robot, other=other)
 
 
 REAL_TIME = Qos("real_time")

@@ -62,6 +62,11 @@ MOTION_FAULTS: Mapping[MotionFault, str] = MappingProxyType(
 )
 """How a robot does not move as it is commanded, for people."""
 
+KINDS = AgentStatus, LeaderStatus, WatchdogStatus
+FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {kind.KIND: tuple(one.name for one in fields(kind)) for kind in KINDS}
+)
+"""The fields of each kind of status."""
 S = TypeVar("S", bound=AnyStatus)
 
 
@@ -109,8 +114,7 @@ def decode(kind: type[S], status: Status) -> S:
         found_kind = str(status.values.get(KIND, "missing"))[:40]
         raise BadMessage(f"status: kind is {found_kind}, must be {kind.KIND}")
     try:
-        names = frozenset(one.name for one in fields(kind))
-        read: S = _reader(kind.KIND).validate_python(_grouped(names, status.values))
+        read: S = _reader(kind.KIND).validate_python(_grouped(FIELDS[kind.KIND], status.values))
         return read
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
@@ -169,33 +173,36 @@ def _doubts(status: AgentStatus) -> Iterator[str]:
 
 
 def _values(status: AnyStatus) -> Iterator[tuple[str, str]]:
-    for one in fields(status):
-        value = getattr(status, one.name)
-        if one.name == "requests":
+    for name in FIELDS[status.KIND]:
+        value = getattr(status, name)
+        if name == "requests":
             if value:
-                yield one.name, _spelled(value)
+                yield name, _spelled(value)
         elif isinstance(value, Reason):
-            yield one.name, str(value.code)
-            yield from _flat(one.name, value.values)
+            yield name, str(value.code)
+            yield from _flat(name, value.values)
         else:
-            yield from _flat(one.name, value)
+            yield from _flat(name, value)
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
     """Keys and texts of a value; nothing for unknown or empty values."""
-    if isinstance(value, Mapping):
-        for key, part in value.items():
-            yield from _flat(f"{name}.{key}", part)
-    elif isinstance(value, tuple):
-        if value:
-            yield name, ",".join(value)
-    elif isinstance(value, bool):
+    if value is None:
+        return
+    if isinstance(value, bool):
         yield name, "true" if value else "false"
     elif isinstance(value, float):
         yield name, repr(bounded(value))
-    elif isinstance(value, str) and name.startswith(("forged.", "dropped_last.")):
-        yield name, value[:MAX_TEXT_CHARS]
-    elif value is not None:
+    elif isinstance(value, tuple):
+        if value:
+            yield name, ",".join(value)
+    elif isinstance(value, str):
+        quoted = name.startswith(("forged.", "dropped_last."))
+        yield name, value[:MAX_TEXT_CHARS] if quoted else str(value)
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _flat(f"{name}.{key}", part)
+    else:
         yield name, str(value)
 
 
@@ -209,7 +216,7 @@ def _spelled(requests: tuple[AnsweredRequest, ...]) -> str:
     return f"[{', '.join(parts)}]"
 
 
-def _grouped(known: frozenset[str], values: Mapping[str, str]) -> dict[str, Any]:
+def _grouped(known: tuple[str, ...], values: Mapping[str, str]) -> dict[str, Any]:
     """Values of dotted keys grouped by their first word; a reason has its code beside its values.
 
     A value of a reason may itself be a mapping, by robot.
@@ -234,4 +241,4 @@ def _grouped(known: frozenset[str], values: Mapping[str, str]) -> dict[str, Any]
 @cache
 def _reader(kind: str) -> TypeAdapter[Any]:
     """Built on demand: most processes read no status."""
-    return TypeAdapter({one.KIND: one for one in (AgentStatus, LeaderStatus, WatchdogStatus)}[kind])
+    return TypeAdapter({one.KIND: one for one in KINDS}[kind])

@@ -21,7 +21,7 @@ MAX_PADDING_BYTES = 3
 _MAX_FORMATS = 8
 """Number of formats for consecutive float64 fields."""
 _MAX_CACHED_BYTES = 256
-"""Greatest size of a text that is cached, such as names; longer ones of strangers are not [bytes]."""
+"""Greatest size of a text that is cached, such as names; longer ones are not [bytes]."""
 
 
 class _Order(NamedTuple):
@@ -80,9 +80,8 @@ class Writer:
 
     def text(self, text: str) -> None:
         """A string."""
-        spelled = text.encode()
-        self.count(len(spelled) + 1)
-        self._data += spelled + b"\0"
+        spelled = _spelled(text) if len(text) <= _MAX_CACHED_BYTES else _encoded(text)
+        self._data += bytes(-len(self._data) % 4) + spelled
 
     def count(self, number: int) -> None:
         """Write a uint32, also the length of a sequence."""
@@ -165,4 +164,10 @@ def _decoded(spelled: bytes) -> str:
         raise BadMessage(f"no text but {spelled[:40]!r}") from None
 
 
-_known = lru_cache(maxsize=512)(_decoded)
+def _encoded(text: str) -> bytes:
+    """Length and bytes of a text."""
+    spelled = text.encode()
+    return _LITTLE.whole.pack(len(spelled) + 1) + spelled + b"\0"
+
+
+_known, _spelled = lru_cache(maxsize=512)(_decoded), lru_cache(maxsize=512)(_encoded)
