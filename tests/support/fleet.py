@@ -1,7 +1,7 @@
 """A whole fleet in one process: production cores on a fake clock over a lossy network in memory.
 
-Nothing here knows the law. Each core is stepped as its loop would step it: at once when something arrives for
-it, and by its timer when nothing does.
+Nothing here knows the law. Each core is stepped as its loop would step it: at once when a message arrives
+that wakes it, otherwise by its timer.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
+from formation.agent import process
 from formation.agent.core import Agent
 from formation.agent.simulated.faults import Faulty
 from formation.agent.simulated.plant import Moving, Plant
@@ -59,6 +60,8 @@ def at(mono: float) -> Now:
     return Now(mono, EPOCH + mono)
 
 
+WAITING = tuple(f"/{topic.name}" for topic in process.WAITING)
+"""How keys end that wake no agent."""
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{ROUTE.name}")
 """How keys end that go from robot to robot, over links that lose, delay and repeat."""
 
@@ -111,8 +114,19 @@ class Node:
     alive: bool = True
     wake: int = 0
     """Which of its wake-ups counts: the newest."""
-    asleep: list[Sample] | None = None
-    """What waits for it while it is frozen."""
+    inbox: list[Sample] = field(default_factory=list)
+    """What has arrived for its next step."""
+    frozen_at: float = math.inf
+    """Since when it is frozen [s]."""
+    _known: Core | None = None
+    """The core to which `_keys` belong."""
+    _keys: frozenset[str] = frozenset()
+
+    def subscribes(self, key: str) -> bool:
+        """Whether its core subscribes to a key."""
+        if self._known is not self.core:
+            self._known, self._keys = self.core, frozenset(self.core.subscriptions)
+        return key in self._keys
 
 
 @dataclass
@@ -199,14 +213,19 @@ class Fleet:
             node = self.nodes[name]
             if not node.alive or (sample is None and number != node.wake):
                 continue
-            if node.asleep is not None:
-                node.asleep += [] if sample is None else [sample]
-                continue
-            self._step(name, node, [] if sample is None else [sample])
+            if sample is not None:
+                node.inbox.append(sample)
+            if node.frozen_at == math.inf and (sample is None or self._wakes(name, sample.key)):
+                self._step(name, node)
         self.now = end
 
-    def _step(self, name: str, node: Node, inbox: list[Sample]) -> None:
+    def _wakes(self, name: str, key: str) -> bool:
+        """Whether a message ends the pause of its receiver; others wait for its next step."""
+        return name not in self.candidates and not (name in self.agents and key.endswith(WAITING))
+
+    def _step(self, name: str, node: Node) -> None:
         moment = Now(self.now, EPOCH + self.now + node.clock_error)
+        inbox, node.inbox = node.inbox, []
         self._send(name, node.core.step(moment, inbox))
         if name in self.candidates:
             self._note_leader_terms()
@@ -227,19 +246,22 @@ class Fleet:
             self.leader = self.candidates["leader"]
         else:
             node.core = self.agents[name] = self.new_agent(name)
-        node.asleep = None
+        node.inbox, node.frozen_at = [], math.inf
         self.revive(name)
 
     def freeze(self, name: str) -> None:
         """As SIGSTOP does."""
-        self.nodes[name].asleep = []
+        self.nodes[name].frozen_at = self.now
 
     def thaw(self, name: str) -> None:
         """As SIGCONT does: what waits is read now, and counts as arrived now."""
         node = self.nodes[name]
-        waiting, node.asleep = node.asleep or [], None
+        node.inbox = [
+            one if one.arrived <= node.frozen_at else one._replace(arrived=self.now) for one in node.inbox
+        ]
+        node.frozen_at = math.inf
         if node.alive:
-            self._step(name, node, [sample._replace(arrived=self.now) for sample in waiting])
+            self._step(name, node)
 
     def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
         """Neither hears the other, until `heal`."""
@@ -401,7 +423,7 @@ class Fleet:
         for out in outbox:
             self._note(sender, out)
             for name, node in self.nodes.items():
-                if out.key not in node.core.subscriptions:
+                if not node.subscribes(out.key):
                     continue
                 for wait in self._waits(sender, name, out):
                     for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
