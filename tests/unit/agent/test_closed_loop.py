@@ -36,7 +36,7 @@ AT_REST = (0.0, 0.0)
 @pytest.mark.parametrize("name", shipped())
 def test_shipped_missions_come_into_formation(name: str) -> None:
     mission = load(name)
-    fleet = Fleet(mission).after(mission.duration)
+    fleet = Fleet(mission).after(min(mission.duration, 45.0))  # behind all posts
     bounds = {"two_chains": 0.12, "turtlebot3_pair": 0.03, "convoy": 0.06}
     assert fleet.error() < bounds.get(name, 0.01)
 
@@ -46,10 +46,10 @@ def test_six_robots_are_in_formation_within_eight_seconds() -> None:
 
 
 @pytest.mark.slow
-def test_paper_law_settles_between_8_and_90_seconds() -> None:
+def test_paper_law_settles_between_8_and_40_seconds() -> None:
     fleet = Fleet(SIX, law="paper").after(8.0)
     assert fleet.error() > SIX.settled
-    fleet.run(82.0)
+    fleet.run(32.0)
     assert fleet.error() < SIX.settled
 
 

@@ -202,7 +202,7 @@ def test_own_hold_of_an_agent_clears_no_doubt() -> None:
 
 @pytest.mark.slow
 def test_run_sent_before_a_failure_does_not_end_its_hold() -> None:
-    team = Team(COUNTING).after(4.0)
+    team = driving(COUNTING, 4.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(1.0)
     assert team.ask("robot3", "hold", id="before").ok
@@ -228,7 +228,7 @@ def failed_after_restart(team: Team) -> None:
 
 @pytest.mark.parametrize("times", [1, *slow(2)])
 def test_robot_holds_after_failure_with_odometry_placed_anew(times: int) -> None:
-    team = Team(COUNTING).after(4.0)
+    team = driving(COUNTING, 4.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(1.0)
     for _ in range(times):

@@ -182,7 +182,7 @@ def test_ramp_delays_settling_by_under_a_second(name: str) -> None:
 
 
 def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
-    return Fleet(SIX, loss=loss, seed=3).after(seconds)
+    return Fleet.under_way(SIX, seconds, loss=loss, seed=3)
 
 
 @pytest.mark.slow
