@@ -303,8 +303,9 @@ def test_robot_with_frozen_odometry_stays_in_place_over_restarts() -> None:
     assert all_alike(verify(SIX, team.record))
 
 
+@pytest.mark.slow
 def test_realignment_of_odometry_survives_agent_restart() -> None:
-    team = Team(COUNTING).after(8.0)
+    team = driving(COUNTING)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
@@ -318,7 +319,7 @@ def test_realignment_of_odometry_survives_agent_restart() -> None:
 @pytest.mark.parametrize(("empty", "least", "most"), [(False, 0.0, 0.25), (True, 1.0, 100.0)])
 def test_position_after_odometry_reset_needs_saved_state(empty: bool, least: float, most: float) -> None:
     """Saved state gives the position at the last save; without it the robot counts as at its start."""
-    team = Team(COUNTING).after(8.0)
+    team = driving(COUNTING)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)
@@ -329,7 +330,7 @@ def test_position_after_odometry_reset_needs_saved_state(empty: bool, least: flo
 
 def switched_off(*, resets: bool) -> Team:
     """A team in which robot3 was switched off while driving and on again; `resets`: its odometry as well."""
-    team = Team(COUNTING).after(8.0)
+    team = driving(COUNTING)
     team.lose("robot3", 1.0)
     if resets:
         reset_odometry(team.world._hosted["robot3"].plant)
@@ -338,6 +339,7 @@ def switched_off(*, resets: bool) -> Team:
     return team
 
 
+@pytest.mark.slow
 def test_robot_switched_off_on_its_way_holds_until_run() -> None:
     team = switched_off(resets=True)
     for boot in ("another", "a third"):  # the hold outlives that too
@@ -372,7 +374,7 @@ def test_robot_runs_after_a_reboot_if_odometry_counts_on() -> None:
 def test_unused_state_after_odometry_reset_holds_the_robot(
     change: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    team = Team(COUNTING).after(8.0)
+    team = driving(COUNTING)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.drawers["robot3"].change("state", **change)
@@ -383,7 +385,7 @@ def test_unused_state_after_odometry_reset_holds_the_robot(
 
 @pytest.mark.slow
 def test_reboot_of_stopped_robot_leaves_a_hold_below_the_stop() -> None:
-    team = Team(COUNTING).after(8.0)
+    team = driving(COUNTING)
     assert team.tell("robot3", "stop").ok
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)

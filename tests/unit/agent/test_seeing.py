@@ -147,6 +147,7 @@ def test_robot_that_changed_places_with_neighbour_holds() -> None:
     assert_contradicted(fleet, "robot3")
 
 
+@pytest.mark.slow
 def test_robot_with_wrong_odometry_heading_waits_for_operator() -> None:
     """Odometry's heading is 45° off its path for good: each lock is wrong again after half a metre."""
     fleet, robot = driving_triangle(), "robot7"
@@ -164,6 +165,7 @@ def test_robot_with_wrong_odometry_heading_waits_for_operator() -> None:
     assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
+@pytest.mark.slow
 def test_robot_that_takes_neighbour_for_another_holds() -> None:
     """It sees robot2 where robot3 should be, and nothing where robot2 should be."""
     fleet = driving_triangle()
@@ -175,6 +177,7 @@ def test_robot_that_takes_neighbour_for_another_holds() -> None:
     assert not fleet.agents["robot7"].perception.placed(fleet.moment)  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_robot_does_not_lock_while_neighbour_is_missing() -> None:
     fleet = triangle(STANDS)
     carry(fleet, "robot7", 1.0 + 0.0j)
@@ -262,6 +265,7 @@ def repeat_newest_scan(fleet: Fleet, robot: str) -> None:
     fleet.meddle = repeated
 
 
+@pytest.mark.slow
 def test_repeated_scan_is_no_sight_while_robot_stands() -> None:
     fleet = driving_triangle()
     fleet.ask("led", "hold")

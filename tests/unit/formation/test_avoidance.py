@@ -8,7 +8,7 @@ from itertools import combinations
 from random import Random
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from formation.control.avoidance import (
@@ -31,6 +31,7 @@ from formation.control.controller import Limits
 from formation.control.observer import Travel, innovation
 from formation.control.plane import angle_between, rotation
 from formation.control.unicycle import Command, advance, control_point, saturate
+from tests.support.examples import examples
 from tests.unit.formation.planar import angles, headings, vectors
 
 BODY = Limits(0.2, 1.5, 1.5)
@@ -76,7 +77,7 @@ class Crowd:
         return [advance(*pose, *done, seconds) for pose, done in zip(self.poses, commands, strict=True)]
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seeds, doubts)
 def test_bodies_never_touch_under_random_wanted_commands(seed: int, doubt: float) -> None:
     crowd = Crowd(seed, doubt)

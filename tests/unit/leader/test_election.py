@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from formation.protocol.election import new_term
 from tests.campaigns.timings.elections import SCENARIOS, judged
-from tests.support.examples import slow
+from tests.support.examples import examples, slow
 from tests.unit.leader.team import Team, chain
 
 DRIFT = 0.03
@@ -79,7 +79,7 @@ def test_at_most_one_candidate_leads_under_any_fault(seed: int, followers: int, 
     assert {team.agent(name).orders.voter.state.voted_term for name in team.agents} == {agreed[1]}
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 2**32), followers=st.integers(1, 5), restarted=st.booleans())
 def test_standby_never_leads_before_lease_has_ended(seed: int, followers: int, restarted: bool) -> None:
     team = led(followers, seed=seed)
@@ -92,7 +92,7 @@ def test_standby_never_leads_before_lease_has_ended(seed: int, followers: int, r
     assert [name for name, _ in team.leader_terms] == ["led", "s0"]
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 2**32), followers=st.integers(1, 7), takeover=st.sampled_from([0.4, 1.0, 3.0]))
 def test_first_standby_leads_within_the_takeover_time(seed: int, followers: int, takeover: float) -> None:
     team = led(followers, 3, takeover, seed)

@@ -25,6 +25,7 @@ from formation.mission.route import Waypoints
 from formation.simulation.edges import Edges, formation_error
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import SLOT_SPEED_SHARE
+from tests.support.examples import examples
 from tests.support.fleet import Fleet
 from tests.unit.agent.sudden import largest_command_change
 from tests.unit.leader.leading import ask
@@ -103,7 +104,7 @@ def test_slots_never_exceed_speed_of_their_robots(
             assert min(shares) >= 0.0
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.lists(st.tuples(wishes, st.integers(1, 60)), min_size=1, max_size=5), st.floats(0.0, 1.0))
 def test_shape_transition_ends_exactly_at_last_request(wished: list[tuple[Wish, int]], speed: float) -> None:
     moving, lasts = ShapeTransition.first(FOUR), 0.0

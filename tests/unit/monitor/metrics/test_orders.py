@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission.file import load, parse, read
@@ -16,6 +16,7 @@ from formation.protocol import json_message
 from formation.protocol.attachment import PositionAttachment
 from formation.protocol.order import Order, Slots, Tuned
 from formation.slots.shape import PlacedShape
+from tests.support.examples import examples
 from tests.support.monitored import EPOCH, Fleet, driven, now, received
 
 SIX = load("six_robots")
@@ -62,7 +63,7 @@ def test_error_in_old_shape_equals_slot_displacement() -> None:
     assert dict(seen.placed_shape.mix).keys() == {"hexagon", "wedge"}
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(share=shares, rotation=angles, scale=scales, part=shares)
 def test_slots_are_interpolated_linearly_between_orders(
     share: float, rotation: float, scale: float, part: float
