@@ -141,7 +141,7 @@ def changed(mission: Mission, law: str) -> tuple[Fleet, float]:
     """
     mission = mission.under(law)
     fleet = Fleet(mission, seed=3)
-    fleet.run(3.0 if mission.standbys else 0.3)
+    fleet.run(3.0 if mission.standbys else 0.7)
     watched = [Watch(agent) for agent in fleet.agents.values()]
     k_p, k_i = mission.gains
     for after, proportional, integral in (
