@@ -360,7 +360,7 @@ class Agent:
         if self.controller.mean:
             k_p = bearable_gain(gains.k_p, self.here.stream.age_on_arrival)
             gains = gains._replace(k_p=k_p)
-        inputs = Inputs(now.mono, dt, heading, what, gains)
+        inputs = Inputs(now.mono, dt, heading, what, gains, self.here.speed(dt))
         if probes:
             return self._probed(now, integral, inputs)
         robots, strangers, sight = self.avoiding.obstacles(self.here, self.neighbours, now)

@@ -423,6 +423,16 @@ class Localisation:
             )
             state.jumps += 1
 
+    def speed(self, dt: float) -> float:
+        """Mean forward speed over the newest interval, of `dt` [s] [m/s]; 0 if it is unknown.
+
+        External poses show a motion that commands do not.
+        """
+        travel = self.state.travel
+        if travel is None or dt <= 0.0:
+            return 0.0
+        return math.copysign(max(abs(travel.distance), abs(travel.displacement)), travel.distance) / dt
+
     @property
     def _odometry_speed(self) -> float:
         """Forward speed by the newest odometry [m/s]; 0 before the first, and with external poses."""

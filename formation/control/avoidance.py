@@ -32,10 +32,10 @@ from formation.control.controller import Limits
 from formation.control.plane import rotation, unit
 from formation.control.unicycle import Command, body_velocity, saturate
 
-MAX_YIELDING_RATE, MAX_PASSING_RATE = 4.0, 8.0
+MAX_YIELDING_RATE, MAX_PASSING_RATE = 8.0, 8.0
 """Greatest relative rate at which the room to an obstacle may shrink: yielding robots, robots with right
 of way [1/s]."""
-MAX_RETREAT_SHARE = 1.0 / 3.0
+MAX_RETREAT_SHARE = 0.2
 """Greatest speed for backing out of the way, as a share of the top speed."""
 HEADING_GAIN_RATIO = 20.0
 """Ratio of the filter's heading gain to the law's: the filter cannot use a guess."""
@@ -45,7 +45,7 @@ LEARNED_HEADING_DEVIATION = 0.02
 """Standard deviation of the learned heading due to noise of positions, in the end [rad]."""
 FADED_GAIN = 3.0
 """The gain falls to this over the distance travelled [–]."""
-REVERSING_TIME = 0.5
+REVERSING_TIME = 0.2
 """Time at top speed for which it must be free behind a robot that reverses [s]."""
 PAIR_DEVIATIONS = 4.0
 """Standard deviations of the distance between two robots that are kept free."""
@@ -53,8 +53,6 @@ NOISE_DEVIATIONS = 2.0
 """Standard deviations of the noise that are expected."""
 AGE_WEIGHT = 1.5
 """Weight of the age of another robot's data in the time that a command lasts."""
-LAG_WEIGHT = 4.0
-"""Weight of the robots' lag in the time that a command lasts."""
 BOUND_TOLERANCE = 1e-12
 """Tolerance of a bound: below any measurement, above rounding [m/s]."""
 MAX_BLOCKED_SHARE, MIN_WANTED_SHARE = 0.05, 0.15
@@ -106,9 +104,21 @@ class AvoidanceParameters(NamedTuple):
     margin: float
     """Room that is left between two bodies [m]."""
     hold: float
-    """Longest time that a command may last, and that the robot may take to follow it [s]."""
+    """Longest time that a command may last [s]."""
     blind: float = 0.0
     """Room while the robot does not know its heading [m]: at most the margin."""
+    lag: float = 0.0
+    """Lag of the robot's speeds behind commands [s]."""
+
+
+class Moving(NamedTuple):
+    """Bounds of a robot's present speed [m/s]."""
+
+    least: float = 0.0
+    greatest: float = 0.0
+
+
+STANDING = Moving()
 
 
 class HalfPlane(NamedTuple):
@@ -208,8 +218,16 @@ def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
     return within or least < math.inf, wanted if within else best
 
 
-def brake(wanted: Command, obstacles: Sequence[Obstacle], parameters: AvoidanceParameters) -> Command:
+def brake(
+    wanted: Command,
+    obstacles: Sequence[Obstacle],
+    parameters: AvoidanceParameters,
+    moving: Moving = STANDING,
+) -> Command:
     """`wanted`, its speed cut so that no obstacle comes nearer by more than half of the room in `hold` [s].
+
+    Of that half a robot that is `moving` keeps the way free that it would still go if it were to stop now:
+    its speed times its lag.
 
     This holds for any duration up to `hold`: the robot turns meanwhile, and the heading nearest to the
     obstacle's direction counts. Standing still, and turning on the spot, are always allowed. Towards an
@@ -217,21 +235,23 @@ def brake(wanted: Command, obstacles: Sequence[Obstacle], parameters: AvoidanceP
     needs room.
     """
     low, high = -math.inf, math.inf
+    forwards = parameters.lag * max(0.0, moving.greatest)
+    backwards = parameters.lag * max(0.0, -moving.least)
     for k in range(len(obstacles)):
         one = obstacles[k]
         distance, blind = abs(one.at), one.doubt >= math.pi
         room = distance - (
             parameters.radius + one.radius + (parameters.blind if blind else parameters.margin)
         )
-        most = max(0.0, 0.5 * room / (parameters.hold + AGE_WEIGHT * one.age))
+        half, lasts = 0.5 * room, parameters.hold + AGE_WEIGHT * one.age
         doubt = one.doubt
         if one.unsure > 0.0:
             doubt += math.asin(min(1.0, one.unsure / distance)) if distance > 0.0 else math.pi
-        least, greatest = facing(unit(one.at), wanted.turn_rate * parameters.hold, doubt)
+        least, greatest = facing(unit(one.at), wanted.turn_rate * (parameters.hold + parameters.lag), doubt)
         if greatest > 0.0:
-            high = min(high, most / greatest)
+            high = min(high, max(0.0, (half / greatest - forwards) / lasts))
         if least < 0.0:
-            low = max(low, most / least)
+            low = max(low, min(0.0, (half / least + backwards) / lasts))
     if low <= wanted.speed <= high:
         return wanted
     return Command(max(low, min(high, wanted.speed)), wanted.turn_rate)
@@ -317,6 +337,7 @@ def avoid(
     along: complex,
     before: Avoidance,
     dt: float,
+    moving: Moving = STANDING,
 ) -> tuple[Command, Avoidance]:
     """The command for the next `dt` [s] instead of `wanted` (within limits); the same if nothing is near.
 
@@ -334,7 +355,7 @@ def avoid(
     if detour > 0.0:
         turned = near * rotation(side * DETOUR_ANGLE) * abs(want) if side != 0.0 else _aside(before) * want
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
-    done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters)
+    done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters, moving)
     return done, _updated(want, done, near, along, limits, before, dt)
 
 

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from formation.control.avoidance import (
     Avoidance,
     AvoidanceParameters,
+    Moving,
     Obstacle,
     avoid,
     brake,
@@ -64,6 +65,8 @@ class Inputs(NamedTuple):
     """Estimated heading, unit length [world frame]."""
     measured: Measured
     gains: Gains
+    speed: float = 0.0
+    """Mean forward speed since then [m/s]."""
     sight: Any = None
     """The scanner's data (`formation.control.zones.Sight`); None without one."""
 
@@ -145,7 +148,8 @@ def constrained(
     """Every stage after the law, for a `wanted` command within limits; the integral stays as it is."""
     limits, parameters = params.limits, params.avoidance
     along = inputs.heading.conjugate() * inputs.measured.velocity
-    clear, avoidance = avoid(wanted, obstacles, parameters, limits, along, state.avoidance, inputs.dt)
+    moving = moving_at(state, inputs)
+    clear, avoidance = avoid(wanted, obstacles, parameters, limits, along, state.avoidance, inputs.dt, moving)
     after, outcome = _ramped_and_braked(state, clear if params.avoids else wanted, inputs, obstacles, params)
     after = ControlState(after.integral, avoidance, after.ramp, after.remainder)
     return after, Outcome(outcome.command, outcome.target, clear != wanted, outcome.zone, True)
@@ -155,9 +159,15 @@ def slowed(
     state: ControlState, wanted: Command, inputs: Inputs, obstacles: Sequence[Obstacle], params: ControlParams
 ) -> tuple[ControlState, Outcome]:
     """As `constrained`, but the filter only brakes: for a robot that may not evade."""
-    clear = brake(wanted, obstacles, params.avoidance)
+    clear = brake(wanted, obstacles, params.avoidance, moving_at(state, inputs))
     after, outcome = _ramped_and_braked(state, clear if params.avoids else wanted, inputs, obstacles, params)
     return after, outcome._replace(filtered=clear != wanted)
+
+
+def moving_at(state: ControlState, inputs: Inputs) -> Moving:
+    """Bounds of the robot's speed: between its mean since the last command, and that command."""
+    mean, commanded = inputs.speed, state.ramp.before.speed
+    return Moving(min(mean, commanded), max(mean, commanded))
 
 
 def _ramped_and_braked(
@@ -166,7 +176,7 @@ def _ramped_and_braked(
     """Ramp, brake, protective zones and quantiser, for a `target` command within limits."""
     command, gentle_until = ramped(state.ramp, target, inputs.now, params.limits, params.ramp)
     if params.avoids and command != target:  # the filter has braked the target itself
-        command = brake(command, obstacles, params.avoidance)
+        command = brake(command, obstacles, params.avoidance, moving_at(state, inputs))
     command, zone = params.protect(command, inputs.sight)
     ramp = Ramp(command, inputs.now, gentle_until)
     command, remainder = quantised(command, state.remainder, params.quantiser)

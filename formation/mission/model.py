@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from formation.control.avoidance import LAG_WEIGHT, NOISE_DEVIATIONS, AvoidanceParameters, margin_kept
+from formation.control.avoidance import NOISE_DEVIATIONS, AvoidanceParameters, margin_kept
 from formation.control.controller import Controller, Gains, fastest_gain
 from formation.control.laws import DEFAULT, LAWS
 from formation.control.pipeline import ControlParams, protected, unprotected
@@ -339,12 +339,12 @@ class Mission(Table):
         `step`: a simulation's time between commands [s], where it is longer than the robot's own period.
         """
         spec, rules = self.robots[robot], self.collisions
-        hold = max(spec.longest_command, step) + LAG_WEIGHT * rules.lag
+        hold = max(spec.longest_command, step)
         rate = min(spec.rate, 1.0 / step) if step > 0.0 else spec.rate
         return ControlParams(
             controller.step,
             spec.limits if controller.ramp else spec.limits._replace(acceleration=math.inf),
-            AvoidanceParameters(spec.radius, rules.room, hold, rules.blind),
+            AvoidanceParameters(spec.radius, rules.room, hold, rules.blind, rules.lag),
             rules.mode == "on" and controller.collision_filter,
             ramp_limits(spec.ramp if controller.ramp else 0.0, rate),
             unprotected if spec.scanner == "none" else protected,

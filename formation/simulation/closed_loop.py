@@ -159,7 +159,7 @@ def params_of(robot: Any, avoided: Avoided) -> ControlParams:
     return ControlParams(
         law,
         Limits(robot.offset, robot.max_speed, robot.max_turn_rate, robot.acceleration, True),
-        AvoidanceParameters(robot.radius, avoided.margin, robot.hold, avoided.blind),
+        AvoidanceParameters(robot.radius, avoided.margin, robot.hold, avoided.blind, robot.lag),
         avoided.avoids,
         RampLimits(robot.ramp_time, robot.ramp_longest, robot.ramp_gap, robot.ramp_gentle),
         unprotected,
@@ -210,7 +210,7 @@ def decide(
             part = 1.0 / received.weights
             velocity = ordered if world.ordered_velocity else believed(velocity, world.leader_speed)
             measured = Measured(part * relative, part * received.desired, 1.0, velocity)
-        inputs = Inputs(now, world.step, me.facing, measured, world.gains, None)
+        inputs = Inputs(now, world.step, me.facing, measured, world.gains, me.speed, None)
         state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided))
         command = outcome.command
     else:

@@ -37,13 +37,14 @@ ROBOT = np.dtype(
         ("speed_step", "f8"), ("speed_most", "f8"), ("turn_rate_step", "f8"), ("turn_rate_most", "f8"),
         ("first", "i8"), ("last", "i8"),
         ("local", "b1"), ("slot", "c16"),
-        ("radius", "f8"), ("hold", "f8"), ("avoided", "i8"), ("avoided_end", "i8"),
+        ("radius", "f8"), ("hold", "f8"), ("lag", "f8"), ("avoided", "i8"), ("avoided_end", "i8"),
         ("ramp_time", "f8"), ("ramp_longest", "f8"), ("ramp_gap", "f8"), ("ramp_gentle", "f8"),
     ],
     align=True,
 )  # fmt: skip
 """Constants of a follower: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own,
-its slot; its body, the longest time that a command may last, indices of its obstacles; `RampLimits`."""
+its slot; its body, the longest time that a command may last, its lag, indices of its obstacles;
+`RampLimits`."""
 EDGE = np.dtype(
     [
         ("head", "i8"), ("desired", "c16"),
@@ -315,7 +316,8 @@ def _robots(mission: Mission, controller: Controller, options: Options, step: fl
         speed, turn_rate = params.quantiser
         local = (options.measurement or spec.measurement) == "local"
         steps = speed.step, speed.most, turn_rate.step, turn_rate.most
-        body = params.avoidance.radius, params.avoidance.hold, avoided, avoided_end
+        filtered = params.avoidance
+        body = filtered.radius, filtered.hold, filtered.lag, avoided, avoided_end
         slot = PlacedShape.first(mission).slot(mission, name)
         robots[i] = (*params.limits[:4], *steps, first, last, local, slot, *body, *params.ramp)
     return robots

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from formation.control.avoidance import (
     AGE_WEIGHT,
     HEADING_GAIN_RATIO,
-    LAG_WEIGHT,
     MAX_PASSING_RATE,
     MAX_RETREAT_SHARE,
     AvoidanceParameters,
@@ -107,7 +106,7 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
     speed = max(leg.speed for leg in mission.route)
     for name in mission.followers:
         me = mission.robots[name]
-        hold = me.longest_command + LAG_WEIGHT * mission.collisions.lag
+        hold = me.longest_command + mission.collisions.lag
         if me.measurement != "local":
             hold += AGE_WEIGHT * mission.collisions.delay
         lever = front(AvoidanceParameters(me.radius, 0.0, hold), me.limits)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.control.avoidance import LAG_WEIGHT, AvoidanceParameters, Obstacle, brake, give_way
+from formation.control.avoidance import AvoidanceParameters, Moving, Obstacle, brake, give_way
 from formation.control.unicycle import Command
 from formation.mission.file import load, shipped
 from formation.mission.model import Mission
@@ -96,10 +96,11 @@ def keeps_command(mission: Mission, shape: str, name: str, other: str, margin: f
     if me.measurement == "local":
         away, radius, late = away + me.control_point_offset, radius + spec.control_point_offset, 0.0
     there = [Obstacle(away, radius, speed + 0j, mission.has_right_of_way(other, name), age=late)]
-    hold = me.longest_command + LAG_WEIGHT * mission.collisions.lag
-    parameters = AvoidanceParameters(me.radius, margin, hold)
-    wanted = Command(speed, 0.0)
-    return give_way(wanted, there, parameters, me.limits) == wanted == brake(wanted, there, parameters)
+    hold, lag = me.longest_command, mission.collisions.lag
+    parameters = AvoidanceParameters(me.radius, margin, hold, lag=lag)
+    wanted, moving = Command(speed, 0.0), Moving(speed, speed)
+    given = give_way(wanted, there, parameters, me.limits)
+    return given == wanted == brake(wanted, there, parameters, moving)
 
 
 @pytest.mark.slow

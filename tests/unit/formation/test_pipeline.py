@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from formation.control.avoidance import Obstacle, brake
+from formation.control.avoidance import Moving, Obstacle, brake
 from formation.control.controller import Controller, Gains, Limits, Measured
 from formation.control.laws import LAWS
 from formation.control.pipeline import ControlState, Inputs, at_rest, control_step, law_command, quantised
@@ -74,10 +74,24 @@ def test_warn_mode_changes_no_command() -> None:
 
 def test_brake_applies_after_the_ramp() -> None:
     params, state = SIX.control("robot2", LAWS["field"]), stepped(Command(SPEC.max_speed, 0.0))
-    _, outcome = control_step(state, inputs(1.0, GOES), (AHEAD,), params)
-    slowest = SPEC.max_speed * (1.0 - PERIOD / SPEC.ramp)
-    assert outcome.command == brake(Command(slowest, 0.0), [AHEAD], params.avoidance)
-    assert outcome.target.speed < outcome.command.speed < 0.1 * slowest
+    ahead = AHEAD._replace(at=0.45 + 0j)
+    _, outcome = control_step(state, inputs(1.0, GOES), (ahead,), params)
+    slowest, moving = SPEC.max_speed * (1.0 - PERIOD / SPEC.ramp), Moving(0.0, SPEC.max_speed)
+    assert outcome.command == brake(Command(slowest, 0.0), [ahead], params.avoidance, moving)
+    assert 0.0 < outcome.command.speed < 0.3 * slowest
+    assert brake(Command(slowest, 0.0), [ahead], params.avoidance) != outcome.command
+
+
+def test_robot_that_still_rolls_brakes_sooner() -> None:
+    """Its mean speed counts where that is higher than its last command."""
+    params, state = SIX.control("robot2", LAWS["field"]), stepped(AT_REST)
+    ahead, known = AHEAD._replace(at=0.5 + 0j), inputs(1.0, GOES)
+    standing, rolling = (
+        control_step(state, known._replace(speed=speed), (ahead,), params)[1].target.speed
+        for speed in (0.0, 1.5)
+    )
+    half = 0.5 * (0.5 - 2.0 * SPEC.radius - SIX.collisions.room)
+    assert standing > rolling == pytest.approx((half - 1.5 * SIX.collisions.lag) / params.avoidance.hold)
 
 
 @every_law
