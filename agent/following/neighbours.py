@@ -26,7 +26,7 @@ from formation.agent.safety.failsafe import Unanswered
 from formation.control import tracker as neighbour
 from formation.control.controller import Controller, Measured
 from formation.control.observer import Travel
-from formation.control.trust import GREATEST_WEIGHT, believed, weight
+from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, ahead, believed, mean, trust, weighted
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
@@ -469,25 +469,27 @@ class Neighbourhood:
         me, heading, my_age = here.point, here.heading, here.stream.age(now)
         mine, my_velocity = slots.state.at[self._robot], slots.state.velocity[self._robot]
         leader_speed = slots.state.leader_speed
-        relative, desired, velocity, weights, share = 0j, 0j, 0j, 0.0, 1.0
+        relative, desired, velocity, weights, skew = 0j, 0j, 0j, 0.0, 0j
+        turn, share = heading.conjugate(), FULL_TRUST
         for name in self.state.guides:
             one = self.each[name]
             # slots move as well: what is left of a neighbour's velocity is the formation's
             carried = one.velocity - slots.state.velocity[name]
-            if leader is not None:
-                share = weight(carried - leader.velocity, 0.0, one.top_speed)
-            elif self._mean:
-                share = weight(carried, leader_speed, one.top_speed)
             if self._as_measured:
                 seen = one.state.displacement
             else:
-                seen = heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
-            relative += share * seen
-            desired += share * (slots.state.at[name] - mine)
-            velocity += share * carried
-            weights += share
+                seen = turn * (one.point(now, my_age, carry=self._carry) - me)
+            if leader is not None:
+                share = trust(carried - leader.velocity, 0.0, one.top_speed)
+            elif self._mean:
+                share = trust(carried, leader_speed, one.top_speed)
+                seen += turn * ahead(carried, leader_speed, one.top_speed)
+            relative += weighted(share.weight, turn * turn * share.skew, seen)
+            desired += weighted(share.weight, share.skew, slots.state.at[name] - mine)
+            velocity += share.weight * carried
+            weights, skew = weights + share.weight, skew + share.skew
         if leader is not None and leader.place is not None:
-            relative += GREATEST_WEIGHT * (heading.conjugate() * (leader.place - me))
+            relative += GREATEST_WEIGHT * (turn * (leader.place - me))
             desired -= GREATEST_WEIGHT * mine
             weights += GREATEST_WEIGHT
         part = 1.0 / weights
@@ -496,4 +498,5 @@ class Neighbourhood:
             return Measured(relative, desired, len(self.state.guides), mean_velocity)
         seen_velocity = part * velocity if leader is None else leader.velocity
         mean_velocity = believed(seen_velocity, leader_speed) + my_velocity
-        return Measured(part * relative, part * desired, 1, mean_velocity if self._feed_forward else 0j)
+        relative, desired = mean(weights, turn * turn * skew, relative), mean(weights, skew, desired)
+        return Measured(relative, desired, 1, mean_velocity if self._feed_forward else 0j)

@@ -23,7 +23,7 @@ from formation.control.pose_filter import ODOMETRY_NOISE, Spread, filtered
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits
 from formation.control.tracker import Track, learned
-from formation.control.trust import GREATEST_WEIGHT, believed, weight
+from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, ahead, believed, mean, trust, weighted
 from formation.control.unicycle import AT_REST, Command, along, control_point, driven
 from formation.simulation.body import Body, obeyed
 from formation.simulation.neighbours import (
@@ -82,13 +82,15 @@ class NeighbourSums(NamedTuple):
     """Data that a follower has received of its neighbours so far in one step."""
 
     relative: complex
-    """Σ w of displacements to the fresh ones [m; world frame, or body frame of a robot with a sensor]."""
+    """Σ W z of displacements to the fresh ones [m; world frame, or body frame of a robot with a sensor]."""
     desired: complex
-    """Σ w of their desired displacements [m; world frame]."""
+    """Σ W z of their desired displacements [m; world frame]."""
     velocity: complex
     """Σ w of their velocities [m/s; world frame]."""
     weights: float
     """Σ w."""
+    skew: complex
+    """Σ b [world frame]."""
     known: float
     """Number of neighbours in the sums."""
     elapsed: float
@@ -97,7 +99,7 @@ class NeighbourSums(NamedTuple):
     """`learned` of `elapsed`."""
 
 
-NO_NEIGHBOURS = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0, 0.0)
+NO_NEIGHBOURS = NeighbourSums(0j, 0j, 0j, 0.0, 0j, 0.0, 0.0, 0.0)
 
 
 def true_point(me: Any, robot: Any) -> complex:
@@ -138,16 +140,18 @@ def receive(
         return received
     if not robot.local:
         seen = (carried(newest, now, link) if world.carries else newest.point) - point
-    share_of = 1.0
+    one, turn = FULL_TRUST, me.facing.conjugate() if robot.local else 1.0 + 0.0j
     if world.mean and world.ordered_velocity:
-        share_of = weight(newest.velocity - ordered, 0.0, edge.top_speed)
+        one = trust(newest.velocity - ordered, 0.0, edge.top_speed)
     elif world.mean:
-        share_of = weight(newest.velocity, world.leader_speed, edge.top_speed)
+        one = trust(newest.velocity, world.leader_speed, edge.top_speed)
+        seen += turn * ahead(newest.velocity, world.leader_speed, edge.top_speed)
     return NeighbourSums(
-        received.relative + share_of * seen,
-        received.desired + share_of * edge.desired,
-        received.velocity + share_of * newest.velocity,
-        received.weights + share_of,
+        received.relative + weighted(one.weight, turn * turn * one.skew, seen),
+        received.desired + weighted(one.weight, one.skew, edge.desired),
+        received.velocity + one.weight * newest.velocity,
+        received.weights + one.weight,
+        received.skew + one.skew,
         received.known + 1.0,
         elapsed,
         share,
@@ -190,6 +194,7 @@ def with_place(received: NeighbourSums, me: Any, robot: Any, place: complex) -> 
         received.desired - GREATEST_WEIGHT * robot.slot,
         received.velocity,
         received.weights + GREATEST_WEIGHT,
+        received.skew,
         received.known,
         received.elapsed,
         received.share,
@@ -207,9 +212,11 @@ def decide(
         velocity = received.velocity * (1.0 / received.weights) if world.feed_forward else 0j
         measured = Measured(relative, received.desired, received.known, velocity)
         if world.mean:
-            part = 1.0 / received.weights
+            turn = me.facing.conjugate()
+            relative = mean(received.weights, turn * turn * received.skew, relative)
+            desired = mean(received.weights, received.skew, received.desired)
             velocity = ordered if world.ordered_velocity else believed(velocity, world.leader_speed)
-            measured = Measured(part * relative, part * received.desired, 1.0, velocity)
+            measured = Measured(relative, desired, 1.0, velocity)
         inputs = Inputs(now, world.step, me.facing, measured, world.gains, me.speed, None)
         state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided))
         command = outcome.command
@@ -299,7 +306,7 @@ def run_on(
             me, robot, received = (
                 run[i],
                 robots[i],
-                NeighbourSums(0j, 0j, 0j, 0.0, 0.0, received.elapsed, received.share),
+                NeighbourSums(0j, 0j, 0j, 0.0, 0j, 0.0, received.elapsed, received.share),
             )
             for e in range(robot.first, robot.last):
                 edge, j = edges[e], edges[e].head - 1

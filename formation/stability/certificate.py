@@ -13,7 +13,8 @@ delay by a period, and s the share of a low pass:
 | V = s (1 - φ)/T / (1 - (1 - s) φ) | velocity estimate of a neighbour |
 | B = (z - 1)/(iω) | way in one step at a velocity of 1 that turns with the robot |
 | c | share of the neighbours' mean velocity that is kept: it is cut to the leader's top speed |
-| G = B (k + c V)/(z - 1 + k B) | from the weighted mean of the neighbours to a robot |
+| d | weighted mean of the neighbours' positions, less that with weights which are equal in all directions |
+| G = B (k + c V)/(z - 1 + k B) | from the weighted mean of the neighbours to a robot, without d |
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import rotation
 from formation.control.tracker import learned
-from formation.control.trust import weight
+from formation.control.trust import FULL_TRUST, ahead, mean, trust, weighted
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
@@ -108,7 +109,7 @@ def on_arc(mission: Mission, turn_rate: float, period: float, speed: float) -> C
 
     Shape (n,), the leader's 1 first; `turn_rate` [rad/s] and `speed` [m/s] of the leader, `period` [s] of
     control. Robots on larger circles are faster than the leader's top speed: they count less, and the mean
-    of their velocities is cut. What counts is solved for by repeated substitution.
+    of their velocities is cut. What counts, and d, are solved for by repeated substitution.
     """
     size, gain = mission.graph.size, mission.gains.k_p
     z = rotation(turn_rate * period)
@@ -119,33 +120,51 @@ def on_arc(mission: Mission, turn_rate: float, period: float, speed: float) -> C
     ordered = mission.law.uses_orders(signed=False)
     places = np.ones(size, np.complex128)
     for _ in range(MAX_SUBSTITUTIONS):
-        counts, kept = _counts(mission, estimate * places * (speed / turn_rate), ordered=ordered)
-        mean = (way * (gain + kept * estimate) / step).astype(np.complex128)
-        leader = mean * counts[:, 0] + (1j * turn_rate * way / step if ordered else 0j)
-        followers = np.linalg.solve(np.eye(size - 1) - mean[:, None] * counts[:, 1:], leader)
+        counts, kept, skewed = _counts(mission, places, estimate, speed, turn_rate, ordered=ordered)
+        response = (way * (gain + kept * estimate) / step).astype(np.complex128)
+        known = response * counts[:, 0] + way * gain / step * skewed
+        known += 1j * turn_rate * way / step if ordered else 0j
+        followers = np.linalg.solve(np.eye(size - 1) - response[:, None] * counts[:, 1:], known)
         before, places = places, np.concatenate([[1.0 + 0.0j], followers])
         if float(np.abs(places - before).max()) < LEAST_CHANGE:
             break
     return places
 
 
-def _counts(mission: Mission, velocities: ComplexArray, *, ordered: bool) -> tuple[FloatArray, FloatArray]:
-    """What each robot counts for each follower, (n-1, n), and what a follower keeps of their mean, (n-1,).
+def _counts(
+    mission: Mission,
+    places: ComplexArray,
+    estimate: complex,
+    speed: float,
+    turn_rate: float,
+    *,
+    ordered: bool,
+) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """What each robot counts for each follower, (n-1, n); the share c of each, and d, (n-1,).
 
-    Robots move at `velocities` [m/s] on circles about the same centre; `ordered`: all as orders say, and no
-    velocity of a neighbour counts.
+    Robots are at `places` [–] on circles about the same centre, moving as `estimate` says of them; `ordered`:
+    all as orders say, and no velocity of a neighbour counts.
     """
-    top, graph = mission.leader_speed, mission.graph
-    counts = np.zeros((graph.size - 1, graph.size))
+    radius, top, graph = speed / turn_rate, mission.leader_speed, mission.graph
+    velocities = estimate * radius * places
+    counts, skewed = np.zeros((graph.size - 1, graph.size)), np.zeros(graph.size - 1, np.complex128)
     for i, neighbours in enumerate(graph.neighbours[1:]):
+        total, weights, skew = 0j, 0.0, 0j
         for j in neighbours:
             most = mission.robots[mission.names[j]].top_speed
-            counts[i, j] = 1.0 if ordered else weight(complex(velocities[j]), top, most)
-    counts /= counts.sum(axis=1)[:, None]
+            one, place = FULL_TRUST, complex(places[j])
+            if not ordered:
+                one = trust(complex(velocities[j]), top, most)
+                place += ahead(complex(velocities[j]), top, most) / radius
+            counts[i, j] = one.weight
+            total += weighted(one.weight, one.skew, place)
+            weights, skew = weights + one.weight, skew + one.skew
+        counts[i] /= weights
+        skewed[i] = mean(weights, skew, total) - counts[i] @ places
     if ordered:
-        return counts, np.zeros(graph.size - 1)
+        return counts, np.zeros(graph.size - 1), skewed
     speeds = np.abs(counts @ velocities)
-    return counts, np.minimum(1.0, top / np.maximum(speeds, LEAST_SPEED))
+    return counts, np.minimum(1.0, top / np.maximum(speeds, LEAST_SPEED)), skewed
 
 
 def worst_curve(found: Certificate) -> tuple[str, float] | None:

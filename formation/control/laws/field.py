@@ -25,15 +25,15 @@ CONE_SHARE = 2.0
 could be held at every heading, but slots that are hardly too fast would be approached slowly."""
 BACKWARD_SHARE = 0.8
 """Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
-BRAKING_SHARE = 0.5
+BRAKING_SHARE = 0.7
 """Share of the ramp's acceleration, of speed and of turn rate, that an approach uses [–]."""
-SIDEWAYS_BRAKING_SHARE = 0.25
+SIDEWAYS_BRAKING_SHARE = 0.5
 """Share of L times the ramp's angular acceleration that an approach from the side uses [–]: less than ahead,
 because the heading that it leaves behind has to be turned back as well."""
 REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
 """A robot reverses to a slot further behind it than so many control-point offsets, and so many radii of its
 tightest turn at top speed [–]."""
-REVERSE_SHARE = 0.9
+REVERSE_SHARE = 1.0
 """Share of the directions behind for which reversing is proved to bring it nearer [–]."""
 
 

@@ -31,6 +31,18 @@ def observer(chi: Array, position: Array, speed: float, turn_rate: float, k: flo
     return estimate, turn_rate * (J @ estimate) - k * speed * estimate
 
 
+def weighted_mean(trusts: Sequence[tuple[float, complex]], vectors: Sequence[complex]) -> complex:
+    """The mean of vectors with weights w ± |b| along and across a direction with the square b/|b|.
+
+    `trusts` are (w, b).
+    """
+    matrices = [np.array([[w + b.real, b.imag], [b.imag, w - b.real]]) for w, b in trusts]
+    total = sum(
+        (matrix @ [one.real, one.imag] for matrix, one in zip(matrices, vectors, strict=True)), np.zeros(2)
+    )
+    return complex(*np.linalg.solve(sum(matrices, np.zeros((2, 2))), total))
+
+
 def control_point_velocity(heading: Array, speed: float, turn_rate: float, offset: float) -> Array:
     """Eq. (4): dh = B [u, ω], B = [ζ, L η]."""
     input_matrix = np.column_stack([heading, offset * (J @ heading)])

@@ -11,7 +11,7 @@ from formation.control.laws import LAWS
 from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, stoppable_turn, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
-from formation.control.trust import weight
+from formation.control.trust import GREATEST_WEIGHT, LEAD_TIME, Trust, ahead, mean, trust, weighted
 from formation.control.unicycle import Command, body_velocity
 from tests.unit.formation import oracle
 from tests.unit.formation.planar import gains, headings, lengths, pair, vectors
@@ -145,31 +145,68 @@ def test_turn_can_be_stopped_by_the_ramp(angle: float, acceleration: float) -> N
         angle -= step * rate
 
 
-def ahead(away: complex, velocity: complex, gain: float, body: Limits) -> Command:
+def facing_x(away: complex, velocity: complex, gain: float, body: Limits) -> Command:
     """The field law's command for a robot that faces along x."""
     return field(0j, 1.0 + 0j, Measured(away, 0j, 1, velocity), Gains(gain, 0.0), body, 0.05)[0]
 
 
 def test_turn_rate_is_limited_to_stoppable_turn() -> None:
     slow = Limits(0.05, 1.0, 2.0, 1.0)
-    turn_rate = ahead(0j, 1.0 + 0.1j, 2.0, slow).turn_rate
+    turn_rate = facing_x(0j, 1.0 + 0.1j, 2.0, slow).turn_rate
     assert turn_rate == stoppable_turn(math.atan2(0.1, 1.0), slow) < 2.0
-    assert ahead(0j, 1.0 + 0.1j, 2.0, slow._replace(acceleration=math.inf)).turn_rate == 2.0
+    assert facing_x(0j, 1.0 + 0.1j, 2.0, slow._replace(acceleration=math.inf)).turn_rate == 2.0
 
 
 def test_robot_reverses_only_to_slot_far_behind() -> None:
     body = Limits(0.2, 1.5, 1.5)
-    reversing = ahead(-3.0 - 0.5j, 0j, 8.0, body)
+    reversing = facing_x(-3.0 - 0.5j, 0j, 8.0, body)
     assert reversing.speed < 0.0 < reversing.turn_rate
-    assert ahead(-0.4 - 0.1j, 0j, 8.0, body).turn_rate < 0.0
-    assert ahead(-3.0 - 0.5j, 0j, 8.0, body._replace(reverses=False)).turn_rate < 0.0
+    assert facing_x(-0.4 - 0.1j, 0j, 8.0, body).turn_rate < 0.0
+    assert facing_x(-3.0 - 0.5j, 0j, 8.0, body._replace(reverses=False)).turn_rate < 0.0
 
 
 @given(st.floats(0.0, 2.0), st.floats(0.1, 1.0), st.floats(0.3, 2.0))
 def test_weight_falls_with_speed_above_leader_speed(speed: float, leader: float, top: float) -> None:
-    least = weight(speed + 0j, leader, top)
-    assert 0.0 < least <= weight(0.9 * speed * 1j, leader, top) <= 50.0
-    assert (least == 50.0) is (speed <= leader)
+    least = trust(speed + 0j, leader, top)
+    assert 0.0 < least.weight <= trust(0.9 * speed * 1j, leader, top).weight <= GREATEST_WEIGHT
+    if speed <= leader:
+        assert least == Trust(GREATEST_WEIGHT, 0j)
+        assert ahead(speed + 0j, leader, top) == 0j
+
+
+@given(headings, st.floats(0.0, 2.0), st.floats(0.1, 1.0), st.floats(0.3, 2.0))
+def test_fast_neighbour_counts_more_across_its_motion(
+    direction: complex, excess: float, leader: float, top: float
+) -> None:
+    one = trust((leader + excess) * direction, leader, top)
+    along, across = (weighted(one.weight, one.skew, vector) for vector in (direction, 1j * direction))
+    assert along == pytest.approx(abs(along) * direction)
+    assert across == pytest.approx(abs(across) * 1j * direction)
+    assert 0.0 < abs(along) <= abs(across) * (1.0 + 1e-9)
+    further = ahead((leader + excess) * direction, leader, top) * direction.conjugate()
+    assert further.imag == pytest.approx(0.0, abs=1e-9)
+    assert -1e-9 <= further.real <= LEAD_TIME * excess + 1e-9
+
+
+@given(st.lists(st.tuples(velocities, vectors), min_size=1, max_size=5))
+def test_weighted_mean_matches_matrices(neighbours: list[tuple[complex, complex]]) -> None:
+    trusts, points = (
+        [trust(5.0 * velocity, 0.2, 1.5) for velocity, _ in neighbours],
+        [h for _, h in neighbours],
+    )
+    weight, skew = sum(one.weight for one in trusts), sum(one.skew for one in trusts)
+    total = sum(weighted(one.weight, one.skew, h) for one, h in zip(trusts, points, strict=True))
+    assert mean(weight, skew, total) == pytest.approx(oracle.weighted_mean(trusts, points), abs=1e-6)
+    same = sum(weighted(one.weight, one.skew, points[0]) for one in trusts)
+    assert mean(weight, skew, same) == pytest.approx(points[0], abs=1e-9)
+
+
+def test_two_fast_neighbours_show_where_their_slots_are() -> None:
+    """Their paths cross where they are heading: the mean is near there, not between them."""
+    trusts = [trust(1.5 + 0j, 0.2, 1.5), trust(1.5j, 0.2, 1.5)]
+    points = [-2.0 + 0j, -2.0j]
+    total = sum(weighted(one.weight, one.skew, h) for one, h in zip(trusts, points, strict=True))
+    assert abs(mean(sum(one.weight for one in trusts), sum(one.skew for one in trusts), total)) < 0.3
 
 
 @given(EDGES, headings, vectors, parameters)

@@ -17,7 +17,7 @@ from formation.control.observer import Travel
 from formation.control.plane import unit
 from formation.control.pose_filter import ODOMETRY_NOISE, filtered, first_spread, least_noise
 from formation.control.tracker import Track, first_seen, seen
-from formation.control.trust import believed, weight
+from formation.control.trust import ahead, believed, trust
 from formation.control.unicycle import advance, control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -25,7 +25,7 @@ from formation.mission.route import Route
 from formation.simulation.ensemble import MIN_START_CLEARANCE, Options, random_starts
 from formation.simulation.simulate import DWELL_TIME, simulate
 from formation.stability.analysis import analyse
-from tests.unit.formation import scenarios
+from tests.unit.formation import oracle, scenarios
 
 SIX = scenarios.six()
 
@@ -66,20 +66,22 @@ def one_by_one(
                     else seen(last, k * step, places[other], law.velocity_filter, top)
                 )
             facing, mine, leads = unit(estimate[i]), mission.slot(names[i]), mission.leader_speed
-            weights = [
-                weight(tracks[i][other].velocity, leads, mission.robots[other].top_speed)
+            each = [
+                trust(tracks[i][other].velocity, leads, mission.robots[other].top_speed)
                 for other in spec.neighbours
             ]
-            shares = [one / sum(weights) for one in weights]
-            known = [
-                (share, other, tracks[i][other]) for share, other in zip(shares, spec.neighbours, strict=True)
+            known = [(one, other, tracks[i][other]) for one, other in zip(each, spec.neighbours, strict=True)]
+            away = [
+                track.point + ahead(track.velocity, leads, mission.robots[other].top_speed) - places[names[i]]
+                for _, other, track in known
             ]
-            away = sum(share * (track.point - places[names[i]]) for share, _, track in known)
+            desired = [mission.slot(other) - mine for other in spec.neighbours]
+            velocity = sum(one.weight * track.velocity for one, _, track in known)
             measured = Measured(
-                facing.conjugate() * away,
-                sum(share * (mission.slot(other) - mine) for share, other, _ in known),
+                facing.conjugate() * oracle.weighted_mean(each, away),
+                oracle.weighted_mean(each, desired),
                 1,
-                believed(sum(share * track.velocity for share, _, track in known), leads),
+                believed(velocity / sum(one.weight for one in each), leads),
             )
             command, integral[i] = field(integral[i], facing, measured, mission.gains, spec.limits, step)
             there, after = advance(position[i], heading[i], *command, step)

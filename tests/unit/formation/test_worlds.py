@@ -115,7 +115,7 @@ def test_printed_observer_converges_from_few_starts() -> None:
 def test_all_runs_converge_with_30_percent_sample_loss() -> None:
     result = simulate(SIX, runs=20, horizon=40.0, options=Options(loss=0.3))
     assert result.converged.all()
-    assert 3.0 < scenarios.median(result) < 8.0
+    assert 2.0 < scenarios.median(result) < 6.0
 
 
 def test_robot_without_messages_stands_still() -> None:
