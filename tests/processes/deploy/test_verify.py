@@ -122,7 +122,7 @@ def test_run_with_orders_and_replaced_agent_is_reproduced(tmp_path: Path) -> Non
 
 def commands_without_odometry(robot: dict[str, Any]) -> int:
     """1 if the agent was killed after its last command and before it published the odometry used, else 0."""
-    last = [one for one in robot["not_judged"] if "robot2/odom that its agent heard" in one["reason"]]
+    last = [one for one in robot["not_judged"] if "robot2/odom that its agent received" in one["reason"]]
     robot["not_judged"] = [one for one in robot["not_judged"] if one not in last]
     assert [one["commands"] for one in last] in ([], [1])
     return len(last)
