@@ -47,8 +47,15 @@ class Braking:
                 nearer = self._speed(name, towards)
                 closing = max(0.0, nearer + self._speed(other, -towards))
                 room = abs(there - here) - radius - width + closing * age + TOLERANCE
-                if nearer > 0.5 * max(0.0, room) / self._holds[name] + spec.speed_step:
+                free = max(0.0, 0.5 * room - self._rolling(name, towards))
+                if nearer > free / self._holds[name] + spec.speed_step:
                     self._tell("brake", name, f"{nearer:.2f} m/s towards {other}, {room:.2f} m away")
+
+    def _rolling(self, name: str, towards: complex) -> float:
+        """How far a robot would still go in a direction if it were commanded to stop now [m]."""
+        plant = self._fleet.robots[name][0].plant(name)
+        speed = plant.moving.speed * (plant.heading * towards.conjugate()).real
+        return self._fleet.mission.collisions.lag * max(0.0, speed)
 
     def _speed(self, name: str, towards: complex) -> float:
         """Speed at which a robot is commanded to move in a direction [m/s]."""

@@ -149,7 +149,7 @@ DEFECTS: dict[str, tuple[Mission, str, str, dict[str, Any]]] = {
         {"agent.inbox.Wakefulness.step": lambda *_: False}),
     "does not name wrong speeds": (TRIO, "robot3:speeds=0@4+6", "named",
         {"agent.pose.motion_check.MotionCheck._contradiction": nothing}),
-    "does not name a frozen sensor": (MEASURED, "robot3:relative_frozen@4+6", "named",
+    "does not name a frozen sensor": (MEASURED, "robot3:relative_frozen@3+8", "named",
         {"agent.following.relative_check.RelativeCheck.saw": nothing}),
     "does not name a frozen scanner": (POSTS, "robot1:scan_frozen@3+8", "named",
         {"agent.safety.scanner.Scanner._compare": nothing}),
