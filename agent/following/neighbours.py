@@ -26,7 +26,7 @@ from formation.agent.safety.failsafe import Unanswered
 from formation.control import tracker as neighbour
 from formation.control.controller import Controller, Measured
 from formation.control.observer import Travel
-from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, ahead, believed, mean, trust, weighted
+from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, believed, mean, trust, weighted
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
@@ -483,7 +483,6 @@ class Neighbourhood:
                 share = trust(carried - leader.velocity, 0.0, one.top_speed)
             elif self._mean:
                 share = trust(carried, leader_speed, one.top_speed)
-                seen += turn * ahead(carried, leader_speed, one.top_speed)
             relative += weighted(share.weight, turn * turn * share.skew, seen)
             desired += weighted(share.weight, share.skew, slots.state.at[name] - mine)
             velocity += share.weight * carried

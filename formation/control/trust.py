@@ -1,9 +1,9 @@
 """How much a neighbour counts: little while it is faster than the leader ever is; not in the paper.
 
 A neighbour that catches up is neither where the formation wants it nor as fast. Its own speed shows that,
-and nothing else need be communicated. Its position says little along its motion, and
-more across it; its slot is further ahead. All weights are equal in formation, so the equilibrium, and the
-linear loop around it, are those of the plain mean.
+and nothing else need be communicated. Its position says little along its motion, and more across it. All
+weights are equal in formation, so the equilibrium, and the linear loop around it, are those of the plain
+mean.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
@@ -27,8 +27,6 @@ EXCESS_SHARE = 0.2
 does [–]."""
 ACROSS_SHARE = 0.7
 """The same for its position across its motion [–]."""
-LEAD_TIME = 0.2
-"""Time for which the excess of velocity continues at least, because a slot is approached ever slower [s]."""
 
 
 class Trust(NamedTuple):
@@ -56,19 +54,6 @@ def trust(velocity: complex, leader_speed: float, top_speed: float) -> Trust:
     along = _weight(excess / (EXCESS_SHARE * top_speed))
     across = _weight(excess / (ACROSS_SHARE * top_speed))
     return Trust(0.5 * (along + across), 0.5 * (along - across) * direction * direction)
-
-
-def ahead(velocity: complex, leader_speed: float, top_speed: float) -> complex:
-    """How much further the slot of such a neighbour is at least [m; world frame].
-
-    Not for a velocity relative to an ordered one, which turns a corner sooner than neighbours are seen to.
-    """
-    speed = math.sqrt(velocity.real * velocity.real + velocity.imag * velocity.imag)
-    if speed <= leader_speed:
-        return 0j
-    excess = speed - leader_speed
-    distrust = 1.0 - LEAST_EXCESS * _weight(excess / (EXCESS_SHARE * top_speed))
-    return LEAD_TIME * distrust * excess / speed * velocity
 
 
 def _weight(excess: float) -> float:

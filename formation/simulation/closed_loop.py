@@ -23,7 +23,7 @@ from formation.control.pose_filter import ODOMETRY_NOISE, Spread, filtered
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits
 from formation.control.tracker import Track, learned
-from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, ahead, believed, mean, trust, weighted
+from formation.control.trust import FULL_TRUST, GREATEST_WEIGHT, believed, mean, trust, weighted
 from formation.control.unicycle import AT_REST, Command, along, control_point, driven
 from formation.simulation.body import Body, obeyed
 from formation.simulation.neighbours import (
@@ -145,7 +145,6 @@ def receive(
         one = trust(newest.velocity - ordered, 0.0, edge.top_speed)
     elif world.mean:
         one = trust(newest.velocity, world.leader_speed, edge.top_speed)
-        seen += turn * ahead(newest.velocity, world.leader_speed, edge.top_speed)
     return NeighbourSums(
         received.relative + weighted(one.weight, turn * turn * one.skew, seen),
         received.desired + weighted(one.weight, one.skew, edge.desired),

@@ -27,7 +27,7 @@ import numpy as np
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import rotation
 from formation.control.tracker import learned
-from formation.control.trust import FULL_TRUST, ahead, mean, trust, weighted
+from formation.control.trust import FULL_TRUST, mean, trust, weighted
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
@@ -120,7 +120,8 @@ def on_arc(mission: Mission, turn_rate: float, period: float, speed: float) -> C
     ordered = mission.law.uses_orders(signed=False)
     places = np.ones(size, np.complex128)
     for _ in range(MAX_SUBSTITUTIONS):
-        counts, kept, skewed = _counts(mission, places, estimate, speed, turn_rate, ordered=ordered)
+        velocities = estimate * places * (speed / turn_rate)
+        counts, kept, skewed = _counts(mission, places, velocities, ordered=ordered)
         response = (way * (gain + kept * estimate) / step).astype(np.complex128)
         known = response * counts[:, 0] + way * gain / step * skewed
         known += 1j * turn_rate * way / step if ordered else 0j
@@ -134,30 +135,24 @@ def on_arc(mission: Mission, turn_rate: float, period: float, speed: float) -> C
 def _counts(
     mission: Mission,
     places: ComplexArray,
-    estimate: complex,
-    speed: float,
-    turn_rate: float,
+    velocities: ComplexArray,
     *,
     ordered: bool,
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """What each robot counts for each follower, (n-1, n); the share c of each, and d, (n-1,).
 
-    Robots are at `places` [–] on circles about the same centre, moving as `estimate` says of them; `ordered`:
+    Robots are at `places` [–] on circles about the same centre and move at `velocities` [m/s]; `ordered`:
     all as orders say, and no velocity of a neighbour counts.
     """
-    radius, top, graph = speed / turn_rate, mission.leader_speed, mission.graph
-    velocities = estimate * radius * places
+    top, graph = mission.leader_speed, mission.graph
     counts, skewed = np.zeros((graph.size - 1, graph.size)), np.zeros(graph.size - 1, np.complex128)
     for i, neighbours in enumerate(graph.neighbours[1:]):
         total, weights, skew = 0j, 0.0, 0j
         for j in neighbours:
             most = mission.robots[mission.names[j]].top_speed
-            one, place = FULL_TRUST, complex(places[j])
-            if not ordered:
-                one = trust(complex(velocities[j]), top, most)
-                place += ahead(complex(velocities[j]), top, most) / radius
+            one = FULL_TRUST if ordered else trust(complex(velocities[j]), top, most)
             counts[i, j] = one.weight
-            total += weighted(one.weight, one.skew, place)
+            total += weighted(one.weight, one.skew, complex(places[j]))
             weights, skew = weights + one.weight, skew + one.skew
         counts[i] /= weights
         skewed[i] = mean(weights, skew, total) - counts[i] @ places

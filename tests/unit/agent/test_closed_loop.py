@@ -12,6 +12,7 @@ import pytest
 from formation.control.ramp import MAX_CHANGE_SHARE
 from formation.control.unicycle import Command
 from formation.mission.file import load, parse, read, shipped
+from formation.mission.model import Mission
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import Odometry
@@ -66,15 +67,29 @@ def test_proportional_law_forms_with_ramp_and_avoidance() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["field", "proportional"])
 def test_simulation_and_agents_settle_at_the_same_time(law: str) -> None:
-    mission = SIX.model_copy(update={"collisions": SIX.collisions.model_copy(update={"noise": 0.0})})
-    fleet, settled = Fleet(mission, law=law, delay=(0.0, 0.0)), 0.0
-    while fleet.now < 8.0:
-        fleet.run(0.02)
-        settled = fleet.now if fleet.error() > mission.settled else settled
-    began = min(time for one in fleet.commands.values() for time, speed, _ in one if speed != 0.0)
-    simulated = float(simulate(mission, law=law, horizon=20.0, step=0.05).settling_time[0])
+    """In the median of five starts: in one, a robot may turn or reverse the other way."""
+    later = []
+    for turn in (0.0, 25.0, 50.0, 75.0, 100.0):
+        mission = turned(turn)
+        fleet, settled = Fleet(mission, law=law, delay=(0.0, 0.0)), 0.0
+        while fleet.now < 8.0:
+            fleet.run(0.02)
+            settled = fleet.now if fleet.error() > mission.settled else settled
+        began = min(time for one in fleet.commands.values() for time, speed, _ in one if speed != 0.0)
+        simulated = float(simulate(mission, law=law, horizon=20.0, step=0.05).settling_time[0])
+        later.append(settled - began - simulated)
     # agents know their paths less exactly while they speed up
-    assert simulated == pytest.approx(settled - began, abs=0.2)
+    assert abs(median(later)) < 0.2
+
+
+def turned(degrees: float) -> Mission:
+    """Six robots without noise that start with their headings turned by so much."""
+    robots = {}
+    for name, one in SIX.robots.items():
+        start = one.start.model_copy(update={"heading_deg": one.start.heading_deg + degrees})
+        robots[name] = one if name == SIX.leader else one.model_copy(update={"start": start})
+    collisions = SIX.collisions.model_copy(update={"noise": 0.0})
+    return SIX.model_copy(update={"robots": robots, "collisions": collisions})
 
 
 @pytest.mark.slow

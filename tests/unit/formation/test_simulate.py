@@ -17,7 +17,7 @@ from formation.control.observer import Travel
 from formation.control.plane import unit
 from formation.control.pose_filter import ODOMETRY_NOISE, filtered, first_spread, least_noise
 from formation.control.tracker import Track, first_seen, seen
-from formation.control.trust import ahead, believed, trust
+from formation.control.trust import believed, trust
 from formation.control.unicycle import advance, control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -71,10 +71,7 @@ def one_by_one(
                 for other in spec.neighbours
             ]
             known = [(one, other, tracks[i][other]) for one, other in zip(each, spec.neighbours, strict=True)]
-            away = [
-                track.point + ahead(track.velocity, leads, mission.robots[other].top_speed) - places[names[i]]
-                for _, other, track in known
-            ]
+            away = [track.point - places[names[i]] for _, _, track in known]
             desired = [mission.slot(other) - mine for other in spec.neighbours]
             velocity = sum(one.weight * track.velocity for one, _, track in known)
             measured = Measured(
