@@ -32,9 +32,8 @@ from formation.control.controller import Limits
 from formation.control.plane import rotation, unit
 from formation.control.unicycle import Command, body_velocity, saturate
 
-MAX_YIELDING_RATE, MAX_PASSING_RATE = 8.0, 8.0
-"""Greatest relative rate at which the room to an obstacle may shrink: yielding robots, robots with right
-of way [1/s]."""
+MAX_APPROACH_RATE = 8.0
+"""Greatest relative rate at which the room to an obstacle may shrink [1/s]."""
 MAX_RETREAT_SHARE = 0.2
 """Greatest speed for backing out of the way, as a share of the top speed."""
 HEADING_GAIN_RATIO = 20.0
@@ -173,10 +172,10 @@ def half_plane(obstacle: Obstacle, parameters: AvoidanceParameters, limits: Limi
     away = obstacle.at - lever
     distance, towards = abs(away), unit(away)
     room = distance - (lever + parameters.radius + obstacle.radius + obstacle.unsure + parameters.margin)
-    most = MAX_PASSING_RATE * room
+    most = MAX_APPROACH_RATE * room
     if obstacle.first:
         velocity = obstacle.velocity
-        most = MAX_YIELDING_RATE * room + towards.real * velocity.real + towards.imag * velocity.imag
+        most += towards.real * velocity.real + towards.imag * velocity.imag
     return HalfPlane(towards.real, towards.imag, max(most, -MAX_RETREAT_SHARE * limits.max_speed))
 
 

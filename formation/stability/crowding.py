@@ -10,7 +10,7 @@ from typing import NamedTuple
 from formation.control.avoidance import (
     AGE_WEIGHT,
     HEADING_GAIN_RATIO,
-    MAX_PASSING_RATE,
+    MAX_APPROACH_RATE,
     MAX_RETREAT_SHARE,
     AvoidanceParameters,
     front,
@@ -123,7 +123,7 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
                 braked = abs(away) - radii - 2.0 * hold * ahead
             # otherwise it leaves faster than any robot has to
             if towards > -MAX_RETREAT_SHARE * me.max_speed:
-                passing = 0.0 if mission.has_right_of_way(other, name) else towards / MAX_PASSING_RATE
+                passing = 0.0 if mission.has_right_of_way(other, name) else towards / MAX_APPROACH_RATE
                 bounded = abs(away - lever) - lever - radii - passing
             if math.isfinite(least := min(braked, bounded)):
                 yield Room(least, abs(slots[other] - slots[name]), shape, name, other)

@@ -25,7 +25,7 @@
 | wait | a leader waits for a robot no longer than its patience |
 | led | some time after the last fault every robot receives a leader |
 | detour | a robot that stands off its slot for ten seconds, though it may drive, takes a detour |
-| brake | a command uses up at most half of the room to another robot while it may last |
+| brake | a command, and what the robot still rolls, use up at most half of the room to another robot |
 | steps | rounding to a robot's steps adds up to no more than one and a half steps |
 | bounds | without faults of sensors every robot stays within the mission's bounds |
 | formation | after the last fault all robots run, none is unavailable, and the formation settles in time |
