@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 WITH_PROCESSES = ("tests/processes/", "tests/field/")
 """Folders of tests that start processes, open sockets or wait for the wall clock."""
+LAST = "tests/field/test_attacks.py"
+"""Its tests measure what a robot does meanwhile: they run when most unit tests beside them have ended."""
 WAITING_WORKERS = 1
 """With --all, workers besides one for each core: for tests with processes, one after another. Two of them at
 a time failed tests of attacks, which measure what a robot does meanwhile."""
@@ -151,9 +153,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Select by cost, and skip by name what needs what this machine lacks."""
+    """Select by cost, put tests of attacks last, and skip by name what needs what this machine lacks."""
     if _selects_by_cost(config):
         _deselect_costly(config, items)
+    items.sort(key=lambda item: item.nodeid.startswith(LAST))
     if os.environ.get("FORMATION_TEST_ALL") == "1":
         return
     for item in items:

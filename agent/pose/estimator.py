@@ -17,7 +17,7 @@ from formation.agent.pose.stream import Stream, StreamState
 from formation.control.avoidance import HEADING_GAIN_RATIO, MAX_HEADING_ERROR, course_gain, heading_doubt
 from formation.control.controller import Controller
 from formation.control.observer import Travel, innovation
-from formation.control.plane import rotation, shorten, unit
+from formation.control.plane import angle_between, rotation, shorten, unit
 from formation.control.pose_filter import (
     COMMANDED_NOISE,
     ODOMETRY_NOISE,
@@ -45,6 +45,13 @@ START_HEADING_TIME = 1.0
 """Time under way after which a fleet no longer faces as its mission's start says [s]."""
 LEARNED_ESTIMATE_LENGTH = 0.5
 """Length of the estimate from which it counts as learned, and may contradict a measured heading."""
+LEARNED_HEADING_VARIANCE = 0.02
+"""Variance of the pose filter's heading below which it counts as learned: a deviation of 0.1 rad [–]."""
+MAX_MOUNTING_ERROR = 0.25 * math.pi
+"""Angle between a measured and a learned heading from which they contradict each other [rad].
+
+A marker a hand's breadth off the centre shows up to half of that in a tight curve.
+"""
 MAX_ESTIMATE_LENGTH = 1e100
 """Limit of an observer's estimate: the printed one's grows without bound while a robot reverses."""
 
@@ -161,14 +168,21 @@ class Localisation:
             return Reason.of(Code.POSITION_TOO_FAR, source=self.source, limit=MAX_POSITION)
         if self.map_frame is not None and (lost := self.map_frame.doubt) is not None:
             return lost
-        return Reason.of(Code.HEADING_CONTRADICTED, source=self.source) if self._contradicts else None
+        return self._contradicted
 
     @property
-    def _contradicts(self) -> bool:
-        """Whether the measured heading contradicts the robot's motion."""
-        learned = self._watches and abs(self.state.estimate) > LEARNED_ESTIMATE_LENGTH
+    def _contradicted(self) -> Reason | None:
+        """Why the measured heading contradicts the robot's motion; None if it does not."""
+        state = self.state
+        if not self._watches or abs(state.estimate) <= LEARNED_ESTIMATE_LENGTH:
+            return None
         # from 90 degrees on the law drives a robot away from its slot
-        return learned and (self.state.measured.conjugate() * self.state.estimate).real < 0.0
+        learned = self._filters_pose and state.spread.heading < LEARNED_HEADING_VARIANCE
+        limit = MAX_MOUNTING_ERROR if learned else 0.5 * math.pi
+        angle = abs(float(angle_between(state.estimate, state.measured)))
+        if angle <= limit:
+            return None
+        return Reason.of(Code.HEADING_CONTRADICTED, source=self.source, angle=angle, limit=limit)
 
     @property
     def correction(self) -> float:
@@ -285,7 +299,7 @@ class Localisation:
 
     def trust(self) -> None:
         """Believe localiser (`MapFrame.trust`) and measured heading again: an order holds the robot."""
-        if self._contradicts:
+        if self._contradicted is not None:
             self.state.estimate = 0j
         if self.map_frame is not None:
             self._relocalised(self.map_frame.trust())

@@ -157,8 +157,9 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_JUMPED: "{source} jumped by {distance:.2f} m",
         Code.HEADING_JUMPED: "{source} jumped by {angle:+.2f} rad",
         Code.POSITION_TOO_FAR: "{source} is beyond ±{limit:g} m",
-        Code.HEADING_CONTRADICTED: "{source} has a heading against the direction in which the robot moves:"
-        " check how it is mounted, and the motors, then order hold and run",
+        Code.HEADING_CONTRADICTED: "{source} has a heading {angle:.2f} rad off the direction in which the"
+        " robot moves; limit {limit:.2f} rad: check how it is mounted, and the motors,"
+        " then order hold and run",
         Code.POSITION_GAP: "no two {source} messages within {limit:.2f} s",
         Code.NO_SCAN: "no range scan yet",
         Code.SCAN_SILENT: "range scan silent for {age:.2f} s; limit {limit:.2f} s",

@@ -166,7 +166,7 @@ def test_order_to_hold_and_run_ends_a_contradicted_heading() -> None:
         assert fleet.status("robot1").reason.code is code
 
 
-@pytest.mark.parametrize("degrees", [110, *slow(180, -140)])
+@pytest.mark.parametrize("degrees", [50, *slow(-60, 110, 180, -140)])
 def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) -> None:
     off = cmath.rect(1.0, math.radians(degrees))
     fleet = Fleet(MEASURED)
