@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -379,6 +379,15 @@ class Perception:
             self._lock(locked=state.locked and moment - state.refused_since < MAX_REFUSED_TIME)
         if refused and state.estimate is not None:
             state.estimate = self._wider(state.estimate, seen=seen > 0)
+
+    @property
+    def lost_locks(self) -> list[float]:
+        """Path since scans contradicted a lock [m], of the last times: the robot's next agent must know."""
+        return [self.state.travelled - one for one in self.state.lost_locks]
+
+    def restore(self, lost_locks: Sequence[float]) -> None:
+        """Have it know the `lost_locks` of the agent before."""
+        self.state.lost_locks = [self.state.travelled - one for one in lost_locks]
 
     def _lock(self, *, locked: bool) -> None:
         """Store whether the robot is `locked`, and where a lock was lost that scans contradict."""

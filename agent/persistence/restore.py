@@ -111,6 +111,8 @@ class Saved:
     """None without a scanner."""
     relative: dict[str, RelativeMemory]
     """By neighbour that a sensor measures."""
+    lost_locks: list[float]
+    """Path since scans contradicted where the robot took itself to be [m], of the last times."""
     starts: list[float]
     """When the last agents of the robot began, this one among them [s, monotonic]."""
 
@@ -216,7 +218,12 @@ class Restorer:
         self._saved = saved
         recent = [one for one in saved.starts if now.mono - one < RESTARTS_TIME]
         self._starts = [*recent[-MAX_STARTS:], now.mono]
-        restored = Restored(voted_term=saved.voted_term, scans=saved.scans, relative=saved.relative)
+        restored = Restored(
+            voted_term=saved.voted_term,
+            scans=saved.scans,
+            relative=saved.relative,
+            lost_locks=saved.lost_locks,
+        )
         if len(self._starts) <= MAX_STARTS:
             return self._taken(restored, "")
         what = f"its agent began more than {MAX_STARTS} times within {RESTARTS_TIME:g} s"
@@ -309,6 +316,7 @@ class Restorer:
                 tries=state.probe.tries,
                 scans=None if self._agent.avoiding.scanner is None else self._agent.avoiding.scanner.memory,
                 relative=self._agent.neighbours.memory,
+                lost_locks=[] if self._agent.perception is None else self._agent.perception.lost_locks,
                 starts=self._starts,
             )
         )

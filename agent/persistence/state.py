@@ -209,6 +209,8 @@ class Restored:
     scans: ScanMemory | None = None
     relative: dict[str, RelativeMemory] | None = None
     """By neighbour that a sensor measures."""
+    lost_locks: list[float] | None = None
+    """Path since scans contradicted where the robot took itself to be [m]."""
 
     def into(self, agent: Agent) -> None:
         """Have `agent` take it over. Raises BadStateError; `agent` is then unchanged."""
@@ -229,6 +231,8 @@ class Restored:
         if self.scans is not None and agent.avoiding.scanner is not None:
             agent.avoiding.scanner.restore(self.scans)
         agent.neighbours.restore(self.relative or {})
+        if self.lost_locks and agent.perception is not None:
+            agent.perception.restore(self.lost_locks)
 
 
 RESTORED = Codec(Restored)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation.agent.following.relative_check import MAX_EQUAL_MOTION
+from formation.agent.perception.perception import MAX_LOST_LOCKS
 from formation.agent.persistence import restore
 from formation.agent.simulated.faults import Fault, with_faults
 from formation.agent.simulated.simulated import kinematic
@@ -17,6 +18,7 @@ from tests.support.examples import slow
 from tests.support.missions import with_robots
 from tests.support.recorded import all_alike, verify
 from tests.support.restarting import SIX, Drawer, Team, driving, turning_back
+from tests.support.seeing import TRIANGLE, hexagon
 from tests.support.sensing import reset_odometry
 from tests.unit.agent.test_sensing import AHEAD, Watched, still
 
@@ -70,6 +72,22 @@ def test_frozen_sensor_is_noticed_by_agents_that_live_shortly(mission: Mission, 
     path_over_restarts(team, name, 4, 0.8)
     assert path_over_restarts(team, name, 1, 3.0) < 0.1
     assert team.status(name).reason.code in {Code.SCAN_FROZEN, Code.RELATIVE_FROZEN}
+
+
+def test_robot_with_lost_locks_waits_for_operator_over_restarts() -> None:
+    team = Team(hexagon(robots=TRIANGLE)).after(8.0)
+    assert team.status("robot7").state is AgentState.RUN
+    seeing = team.agents["robot7"].perception
+    assert seeing is not None
+    seeing.state.lost_locks = [seeing.state.travelled] * MAX_LOST_LOCKS
+    team.run(1.0)
+    assert path_over_restarts(team, "robot7", 2, 4.0) < 0.02
+    assert team.status("robot7").reason.code is Code.SIGHT_UNRELIABLE
+    for do in ("hold", "run"):
+        team.ask("robot7", do)
+        team.run(2.0)
+    team.replace("robot7", 0.5)
+    assert team.driven("robot7", 10.0) > 0.3
 
 
 def test_frozen_odometry_is_noticed_by_agents_that_live_shortly() -> None:
