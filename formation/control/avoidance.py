@@ -57,9 +57,9 @@ BOUND_TOLERANCE = 1e-12
 MAX_BLOCKED_SHARE, MIN_WANTED_SHARE = 0.05, 0.15
 """Shares of the top speed: a robot that moves slower than the first and wants more than the second is
 blocked."""
-MIN_PROGRESS_SHARE, LONG_PROGRESS_TIME = 0.1, 10.0
+MIN_PROGRESS_SHARE, LONG_PROGRESS_TIME = 0.1, 4.0
 """Among robots it is also blocked if its progress is below this share of its top speed, averaged over
-about this time [s]: noise of positions keeps it in motion, though it trails another robot."""
+about this time [s]: noise of positions, or late braking, keeps it in motion, though it trails another."""
 PROGRESS_TIME = 1.0
 """Time over which progress is averaged at a standing obstacle, where a robot may go to and fro [s]."""
 DEADLOCK_DELAY, DETOUR_TIME = 0.5, 1.5

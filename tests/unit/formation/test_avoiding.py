@@ -99,7 +99,7 @@ def test_avoided_by_excludes_itself_and_virtual_leader() -> None:
     assert SIX.avoided_by("robot4") == ()
 
 
-HORIZON = 60.0
+HORIZON, STEP = 60.0, 0.02
 """[s]"""
 LATE, SHAKEN = (9, 83, 206, 298, 349, 383), (9, 37, 74, 83, 98, 157)
 """Starts of 400 from which a robot did not arrive: with 100 ms of delay; with 2 mm of noise besides."""
@@ -113,6 +113,21 @@ def test_all_robots_arrive_from_starts_that_once_failed(
     starts = random_starts(mission, 400, mission.simulation.spread, _draw(0))
     some = Starts(starts.position[list(chosen)], starts.heading[list(chosen)])
     assert_all_arrive(mission, some, noise, delay)
+
+
+SWINGING = (24, 148, 151, 163)
+"""Starts of 1000 from which a robot goes to and fro behind one that is in its slot already."""
+
+
+def test_robot_swinging_behind_another_takes_detour_within_ten_seconds() -> None:
+    route = ({"speed": 0.5, "heading_deg": 30.0},)
+    mission = Mission.model_validate({**with_robots("six_robots").model_dump(), "route": route})
+    starts = random_starts(mission, 1000, mission.simulation.spread, _draw(0))
+    some = Starts(starts.position[list(SWINGING)], starts.heading[list(SWINGING)])
+    steps = round(25.0 / STEP)
+    runs = Ensemble(mission, LAWS["field"], Options(), some, STEP, _draw(1), steps, steps)
+    runs.run_on(steps)
+    assert runs.error.max() < mission.settled
 
 
 def test_two_robots_starting_1_cm_apart_reach_slots() -> None:
