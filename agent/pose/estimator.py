@@ -48,10 +48,9 @@ LEARNED_ESTIMATE_LENGTH = 0.5
 LEARNED_HEADING_VARIANCE = 0.02
 """Variance of the pose filter's heading below which it counts as learned: a deviation of 0.1 rad [–]."""
 MAX_MOUNTING_ERROR = 0.25 * math.pi
-"""Angle between a measured and a learned heading from which they contradict each other [rad].
-
-A marker a hand's breadth off the centre shows up to half of that in a tight curve.
-"""
+"""Angle between a measured and a learned heading from which they contradict each other [rad]."""
+MAX_MISMOUNTED_PATH = 0.2
+"""Path after which that holds the robot [m]: in a tight curve a marker off the centre moves sideways."""
 MAX_ESTIMATE_LENGTH = 1e100
 """Limit of an observer's estimate: the printed one's grows without bound while a robot reverses."""
 
@@ -89,6 +88,8 @@ class LocalisationState:
     """The observer's heading, of any length [world frame]."""
     course: complex
     """The same for the collision filter."""
+    mismounted: float = 0.0
+    """Path along which the learned heading has contradicted the measured one [m]."""
     placed: bool = False
     """Whether a localiser has placed odometry."""
     travelled: float = 0.0
@@ -173,16 +174,24 @@ class Localisation:
     @property
     def _contradicted(self) -> Reason | None:
         """Why the measured heading contradicts the robot's motion; None if it does not."""
-        state = self.state
-        if not self._watches or abs(state.estimate) <= LEARNED_ESTIMATE_LENGTH:
+        if not self._watches or abs(self.state.estimate) <= LEARNED_ESTIMATE_LENGTH:
             return None
         # from 90 degrees on the law drives a robot away from its slot
-        learned = self._filters_pose and state.spread.heading < LEARNED_HEADING_VARIANCE
-        limit = MAX_MOUNTING_ERROR if learned else 0.5 * math.pi
-        angle = abs(float(angle_between(state.estimate, state.measured)))
+        lasting = self.state.mismounted > MAX_MISMOUNTED_PATH
+        limit = MAX_MOUNTING_ERROR if lasting else 0.5 * math.pi
+        angle = abs(float(angle_between(self.state.estimate, self.state.measured)))
         if angle <= limit:
             return None
         return Reason.of(Code.HEADING_CONTRADICTED, source=self.source, angle=angle, limit=limit)
+
+    def _compare_headings(self, path: float) -> None:
+        """Count the `path` of the newest interval [m] if the two headings contradict each other in it."""
+        if not self._watches:
+            return
+        state = self.state
+        angle = abs(float(angle_between(state.estimate, state.measured)))
+        off = angle > MAX_MOUNTING_ERROR and state.spread.heading < LEARNED_HEADING_VARIANCE
+        state.mismounted = state.mismounted + path if off else 0.0
 
     @property
     def correction(self) -> float:
@@ -300,7 +309,7 @@ class Localisation:
     def trust(self) -> None:
         """Believe localiser (`MapFrame.trust`) and measured heading again: an order holds the robot."""
         if self._contradicted is not None:
-            self.state.estimate = 0j
+            self.state.estimate, self.state.mismounted = 0j, 0.0
         if self.map_frame is not None:
             self._relocalised(self.map_frame.trust())
 
@@ -414,6 +423,7 @@ class Localisation:
                 path_error(speed_before, self._odometry_speed, elapsed),
             )  # fmt: skip
             self._note_restart(abs(seen.position - believed))
+            self._compare_headings(abs(seen.travel.distance))
         else:
             state.estimate = shorten(
                 self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH

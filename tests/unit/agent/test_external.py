@@ -177,6 +177,18 @@ def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) ->
     assert fleet.plant("robot1").path < 0.5
 
 
+@pytest.mark.parametrize("ahead", [0.1, *slow(-0.05, -0.08)])
+def test_marker_at_rim_of_robot_does_not_contradict_heading(ahead: float) -> None:
+    """In tight curves it moves up to 58° from where the robot faces."""
+    fleet = Fleet(MEASURED)
+    fleet.meddle = altered(
+        POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position + ahead * seen.heading)
+    )
+    for _ in range(20):
+        fleet.run(1.0)
+        assert fleet.status("robot1").reason.code is not Code.HEADING_CONTRADICTED
+
+
 @pytest.mark.parametrize("degrees", [90, *slow(180)])
 def test_measured_heading_may_differ_from_start_heading(degrees: float) -> None:
     fleet = Fleet(MEASURED)
