@@ -149,7 +149,7 @@ class Outcome(NamedTuple):
         return "; ".join([line, *self._advice()])
 
     def _advice(self) -> Iterator[str]:
-        do, robots = self.request.do, [name for name in self.missing if name in self.recipients.each]
+        do, robots = self.request.do, self._silent_robots
         if self.elsewhere:
             names = ", ".join(self.elsewhere)
             yield f"another mission runs at {names}: name that one, to reach all its robots"
@@ -159,6 +159,13 @@ class Outcome(NamedTuple):
             yield f"{UNDONE[do]}: {', '.join(self.unreached)}: use the robot's own switch"
         if do in UNDONE and robots:
             yield f"{', '.join(robots)} may still drive: use the robot's own switch"
+        yield from self._advice_to_go_on()
+
+    def _advice_to_go_on(self) -> Iterator[str]:
+        """Advice after a run or a release."""
+        do, robots = self.request.do, self._silent_robots
+        if do == "run" and self._stopped:
+            yield f"a stop is in force at {', '.join(self._stopped)}: order release, then run"
         if do == "run" and robots:
             yield f"{', '.join(robots)} may still be held: order run again"
         if do == "release":
@@ -189,7 +196,19 @@ class Outcome(NamedTuple):
             return UNDONE.get(self.request.do, "REFUSED")
         if not reply.ok:
             return "REFUSED"
+        if self.request.do == "run" and reply.mode != "run":  # it starts when the leader's order arrives
+            return "obeys"
         return "released" if self.request.do == "release" and not reply.code else reply.mode
+
+    @property
+    def _silent_robots(self) -> list[str]:
+        """Names of robots, not candidates, that have not answered."""
+        return [name for name in self.missing if name in self.recipients.each]
+
+    @property
+    def _stopped(self) -> list[str]:
+        """Names of those that refuse because a stop is in force."""
+        return [name for name in self.refused if self.answers[name].reply.code == "stopped"]
 
     @property
     def _counting(self) -> list[str]:

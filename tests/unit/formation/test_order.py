@@ -191,8 +191,8 @@ def test_outcome_table_aligns_columns_with_long_names() -> None:
     long = "a-robot-of-a-very-long-name"
     one = outcome(RUN, Recipients(("leader",), (long, "robot2")), REFUSED, answer(long), ROBOTS[1])
     leader, other, short, _ = one.words().splitlines()
-    assert f"  {long}  stop " in other
-    assert leader.index("REFUSED") == other.index("stop") == short.index("stop")
+    assert f"  {long}  obeys " in other
+    assert leader.index("REFUSED") == other.index("obeys") == short.index("obeys")
 
 
 def test_standby_counts_neither_as_obeying_nor_refusing() -> None:
@@ -224,6 +224,18 @@ def test_incomplete_run_reports_possibly_held_robot() -> None:
     one = outcome(RUN, ALL, LEADS, ROBOTS[0])
     assert not one.obeyed
     assert one.summary().endswith("no answer from robot2; robot2 may still be held: order run again")
+
+
+def test_run_while_stopped_says_what_to_order() -> None:
+    refuses = answer("robot1", ok=False, code="stopped", reason="stopped: release it first")
+    one = outcome(RUN, ALL, LEADS, refuses, ROBOTS[1])
+    assert one.report()["advice"] == ["a stop is in force at robot1: order release, then run"]
+
+
+def test_robot_that_obeys_run_is_not_shown_as_held() -> None:
+    one = outcome(RUN, ALL, answer("leader", mode="run", leads=True), answer("robot1", mode="hold"))
+    leader, _, robot, *_ = one.words().splitlines()
+    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "obeys"])
 
 
 @pytest.mark.parametrize(("do", "verdict"), [("stop", "NOT STOPPED"), ("hold", "NOT HELD")])
