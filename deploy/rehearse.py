@@ -74,7 +74,7 @@ def _verdicts(plan: Plan, options: argparse.Namespace) -> list[Verdict]:
     """Rehearse every seed; the result does not depend on the number of processes."""
     seeds = range(options.seed, options.seed + options.seeds)
     verdicts = []
-    with Bar(f"{plan.mission.name}, {options.seeds} seeds") as bar:
+    with Bar(f"{plan.mission.name}, {_count(options.seeds)}") as bar:
         for verdict in each(partial(rehearse, plan), seeds, options.jobs, options.dask):
             verdicts.append(verdict)
             bar.at(len(verdicts) / options.seeds)
@@ -86,7 +86,7 @@ def _words(
 ) -> str:
     """Return the result for people."""
     failed = [one for one in verdicts if one.violations]
-    text = [f"{mission.name}, {len(verdicts)} seed{'s' * (len(verdicts) > 1)}, faults: {_faults(plan)}"]
+    text = [f"{mission.name}, {_count(len(verdicts))}, faults: {_faults(plan)}"]
     for verdict in failed:
         text += [
             f"  seed {verdict.seed}: {one.rule}: {one.time:.2f} s, {one.robot or 'the fleet'}: {one.what}"
@@ -102,12 +102,24 @@ def _words(
         )
     nearest = min(verdicts, key=lambda one: one.nearest)
     if nearest.nearest < float("inf"):
-        text.append(f"  nearest bodies   {metres(nearest.nearest)} apart, seed {nearest.seed}")
+        text.append(f"  nearest bodies   seed {nearest.seed}: {_room(nearest)}")
     seconds = sum(one.seconds for one in verdicts)
     text.append(f"  took             {took:.1f} s for {seconds:.0f} s of the fleet")
     if plan.record is not None:
         text.append(f"  recorded         {plan.record}")
     return "\n".join(text)
+
+
+def _count(seeds: int) -> str:
+    return "1 seed" if seeds == 1 else f"{seeds} seeds"
+
+
+def _room(verdict: Verdict) -> str:
+    if verdict.nearest >= 0.0:
+        return f"{metres(verdict.nearest)} apart"
+    judged = any(one.rule == "touch" for one in verdict.violations)
+    why = "" if judged else " (rule touch: not judged with this fault, law or mission)"
+    return f"overlapped by {metres(-verdict.nearest)}{why}"
 
 
 def _report(

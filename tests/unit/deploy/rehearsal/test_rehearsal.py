@@ -16,7 +16,7 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SECOND_RUN_TIME, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
-from formation.deploy.rehearsal.rules.judge import RULES
+from formation.deploy.rehearsal.rules.judge import RULES, Violation
 from formation.deploy.rehearse import main
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load, read
@@ -242,6 +242,25 @@ def test_rehearse_without_faults_prints_every_rule_held(capsys: Capsys) -> None:
     assert main(["turtlebot3_pair", "--faults", "none"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("turtlebot3-pair, 1 seed, faults: none\n  every rule held  1 of 1\n")
+
+
+@pytest.mark.parametrize(
+    ("rule", "printed"),
+    [
+        ("touch", "seed 0: overlapped by 11 cm"),
+        (None, "seed 0: overlapped by 11 cm (rule touch: not judged with this fault, law or mission)"),
+    ],
+)
+def test_overlap_is_printed_with_whether_it_was_judged(
+    capsys: Capsys, monkeypatch: pytest.MonkeyPatch, rule: str | None, printed: str
+) -> None:
+    broken = () if rule is None else (Violation(rule, 1.0, "robot1", "bodies overlap"),)
+    monkeypatch.setattr(
+        "formation.deploy.rehearse.rehearse", lambda _, seed: Verdict(seed, (), broken, 1.0, -0.11, 1.0)
+    )
+    monkeypatch.setattr("formation.deploy.rehearse.shrunk", lambda _, verdict: verdict.faults)
+    main(["turtlebot3_pair", "--faults", "none"])
+    assert f"  nearest bodies   {printed}\n" in capsys.readouterr().out
 
 
 def test_failing_run_is_printed_with_command_to_repeat_it(
