@@ -20,7 +20,7 @@ from formation.protocol.outcome import Answer, Outcome
 from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.stability import intent
 from formation.topics import CMD_VEL
-from formation.transport import asking
+from formation.transport import asking, wiring
 from formation.wire import Outgoing
 
 ORDER_TIMEOUT_SECONDS = 3.0
@@ -106,7 +106,8 @@ class RehearsedFleet(DrivenFleet):
         return self._fleet.error()
 
     def position(self, robot: str) -> complex:
-        """Return the true centre of a follower [m; world frame]."""
+        """Return the true centre of a follower [m; world frame]. Raises ValueError for other names."""
+        _check(robot, self.mission.followers)
         return next(place for name, place, _ in self._fleet.discs() if name == robot)
 
     def nearest(self) -> float:
@@ -115,32 +116,39 @@ class RehearsedFleet(DrivenFleet):
 
     def state(self, robot: str) -> str:
         """Return the state of a follower's agent, such as ``run`` or ``hold``."""
+        _check(robot, self.mission.followers)
         return self._fleet.agents[robot][0].decision.state.value
 
     def reason(self, robot: str) -> str:
         """Return why a follower's agent is in its state, in words."""
+        _check(robot, self.mission.followers)
         return str(self._fleet.agents[robot][0].decision.reason)
 
     def command(self, robot: str) -> Command:
         """Return the newest command to a follower: forward speed [m/s] and turn rate [rad/s]."""
+        _check(robot, self.mission.followers)
         return self._commands.get(robot, AT_REST)
 
     def kill(self, name: str) -> None:
-        """Kill the agent of a follower, or a candidate, as SIGKILL does."""
+        """Kill the agent of a follower, or a candidate, as SIGKILL does. Raises ValueError for others."""
+        _check(name, wiring.members(self.mission))
         self._judge.expect("kill")
         self._fleet.kill(name)
 
     def start(self, name: str) -> None:
         """Start it again, with what is on its disk."""
+        _check(name, wiring.members(self.mission))
         self._fleet.start(name)
 
     def freeze(self, name: str) -> None:
         """Suspend it, as SIGSTOP does."""
+        _check(name, wiring.members(self.mission))
         self._judge.expect("freeze")
         self._fleet.process_of(name).freeze()
 
     def thaw(self, name: str) -> None:
         """Let it continue."""
+        _check(name, wiring.members(self.mission))
         self._fleet.process_of(name).thaw()
 
     def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
@@ -201,3 +209,9 @@ class RehearsedFleet(DrivenFleet):
     def _note(self, _process: VirtualProcess, out: Outgoing) -> None:
         if name := self._keys.get(out.key):
             self._commands[name] = command_in(self.mission, name, out.payload)
+
+
+def _check(name: str, legal: Iterable[str]) -> None:
+    """Raise ValueError for a name that is none of `legal`."""
+    if name not in (known := list(legal)):
+        raise ValueError(f"{name!r}: must be one of {', '.join(known)}")

@@ -55,6 +55,14 @@ def test_illegal_order_is_refused_before_it_is_sent(rehearsed_fleet: MakeRehears
     assert fleet.now == 0.0
 
 
+def test_unknown_robot_is_refused_by_name(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    of_processes = (fleet.kill, fleet.start, fleet.freeze, fleet.thaw)
+    for method in (*of_processes, fleet.state, fleet.reason, fleet.position, fleet.command):
+        with pytest.raises(ValueError, match=r"'robot9': must be one of .*robot1, robot2"):
+            method("robot9")
+
+
 @pytest.mark.slow
 def test_rotate_order_turns_the_shape(rehearsed_fleet: MakeRehearsed) -> None:
     fleet = rehearsed_fleet("turtlebot3_pair")
