@@ -29,18 +29,20 @@ from formation.transport.mailbox import Question
 from formation.transport.runtime.clock import monotonic
 from formation.wire import BadMessage
 
-EXAMPLES = """\
-  formation drive convoy                       with the keys of this terminal
-  formation drive convoy --speed 0.1           at most 0.1 m/s
-  formation drive convoy --gamepad             /dev/input/js0: hold the left shoulder button, left stick
-  formation drive convoy --topic /cmd_vel      a ROS topic of geometry_msgs/Twist, as of teleop_twist_joy
-
+KEYS = """\
 Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q ends:
 
   u  i  o      forward and left, forward, forward and right
   j  k  l      turn left, stop, turn right
   m  ,  .      back
+"""
+EXAMPLES = f"""\
+  formation drive convoy                       with the keys of this terminal
+  formation drive convoy --speed 0.1           at most 0.1 m/s
+  formation drive convoy --gamepad             /dev/input/js0: hold the left shoulder button, left stick
+  formation drive convoy --topic /cmd_vel      a ROS topic of geometry_msgs/Twist, as of teleop_twist_joy
 
+{KEYS}
 When you let go of a gamepad's button, the leader orders all robots to hold at once. Keys: up to 0.6 s after
 a tap, 0.15 s after a held key. --topic: 0.3 s after the last message. If nothing reaches the leader: 0.3 s
 after the newest input that did. Each robot holds when the order reaches it: the delays of all hops add up,
@@ -216,6 +218,7 @@ def _keys() -> Iterator[Callable[[], Share]]:
             raise Ended(0, "drive ended")
         return keys.velocity(now)
 
+    print(KEYS, file=sys.stderr, flush=True)
     try:
         tty.setcbreak(file)
         yield read

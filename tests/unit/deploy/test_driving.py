@@ -102,7 +102,9 @@ def test_unplugged_gamepad_gives_velocity_none() -> None:
         assert gamepad.velocity(0.0) is None
 
 
-def test_keys_buffered_for_seconds_are_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_buffered_for_seconds_are_ignored(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     master, slave = os.openpty()
     with os.fdopen(slave) as terminal:
         monkeypatch.setattr("sys.stdin", terminal)
@@ -115,6 +117,7 @@ def test_keys_buffered_for_seconds_are_ignored(monkeypatch: pytest.MonkeyPatch) 
             os.write(master, b"i")
             assert read() == Share(1.0, 0.0)
     os.close(master)
+    assert "i  o      forward and left, forward" in capsys.readouterr().err  # printed before the first key
 
 
 @pytest.mark.parametrize(
