@@ -35,12 +35,15 @@ REPORTED = frozenset(
 WORDS = {
     "refused": (
         "refuses the connection",
-        "the computer is on; does it run there, and listen at that endpoint?",
+        "the computer is on: start the process there, or correct its endpoint in the mission",
     ),
-    "no route": ("cannot be reached: no route", "is it on, in this network, and is the address right?"),
+    "no route": (
+        "cannot be reached: no route",
+        "see that it is on and in this network, and that its address is right",
+    ),
     "no answer": (
         "does not answer",
-        "is it on? a firewall, or client isolation of the access point, looks just the same",
+        "see that it is on; or let it through the firewall, and end the access point's client isolation",
     ),
     "unknown name": (
         "cannot be reached: its name cannot be resolved",
@@ -65,13 +68,13 @@ def _agent(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             f"{facts.part}-unreadable",
             f"{len(facts.status.bad)} statuses of its {facts.part} cannot be read: {facts.status.bad[-1]}",
-            "does it run another version of formation? push this one: formation deploy push",
+            "it may run another version of formation: formation deploy push installs this one",
         )
     elif quiet and not facts.router_trouble and not _unreached(facts):
         yield Finding(
             f"{facts.part}-silent",
             f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
-            _is_it_running(facts),
+            _how_to_start(facts),
         )
     elif facts.status is not None and facts.status.received:
         silence = facts.ended - facts.status.received[-1].arrived
@@ -79,7 +82,7 @@ def _agent(facts: Facts) -> Iterator[Finding]:
             yield Finding(
                 f"{facts.part}-silent",
                 f"its {facts.part} fell silent: newest status {silence:.1f} s old; limit {MAX_SILENCE:g} s",
-                _is_it_running(facts),
+                _how_to_start(facts),
             )
     if (
         facts.agent is not None
@@ -106,8 +109,9 @@ def _agent(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _is_it_running(facts: Facts) -> str:
-    return f"is it running? systemctl status formation-{facts.part} there"
+def _how_to_start(facts: Facts) -> str:
+    unit = f"formation-{facts.part}"
+    return f"start it there: sudo systemctl restart {unit}; its log: journalctl -u {unit}"
 
 
 def _agent_seen(facts: Facts) -> str:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from formation.control.tracker import FRESH_PERIODS
 from formation.deploy.doctor.facts import Examination, Facts, Finding, Stream
 from formation.deploy.fleet.fleet import EXPIRING_LIFE_SHARE, RENEW
+from formation.deploy.fleet.units import BRIDGES
 from formation.protocol.status import RobotLink
 from formation.protocol.status_codec import LINKS
 from formation.ros2.tokens import hidden
@@ -33,7 +34,7 @@ def _link(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             "router-missing",
             f"nothing answers at {facts.router}, where the robot's bridge or router should be",
-            "start it: systemctl status zenoh-bridge-ros2dds, or rmw_zenohd",
+            f"sudo systemctl restart {(unit := _router_unit(facts))}; its log: journalctl -u {unit}",
         )
     wrong = [party for party in facts.listeners if party.type != _wanted(facts)]
     for party in wrong:
@@ -73,6 +74,12 @@ def _link(facts: Facts) -> Iterator[Finding]:
                 f"{party.name} publishes on cmd_vel as well",
                 "end it: two controllers of one robot undo each other's work",
             )
+
+
+def _router_unit(facts: Facts) -> str:
+    """Return the usual unit of the robot's bridge or router."""
+    robot = facts.mission.robots.get(facts.robot)
+    return BRIDGES["ros2dds" if robot is None else robot.ros].removesuffix(".service")
 
 
 def _link_seen(facts: Facts) -> str:

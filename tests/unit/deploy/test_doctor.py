@@ -205,6 +205,15 @@ def test_finding_for_rmw_zenoh_robot_does_not_name_bridge() -> None:
     assert "bridge" not in finding.sentence + finding.remedy
 
 
+@pytest.mark.parametrize(("ros", "unit"), [("ros2dds", "zenoh-bridge-ros2dds"), ("rmw_zenoh", "rmw-zenohd")])
+def test_missing_router_names_the_unit_of_the_mission(ros: str, unit: str) -> None:
+    data = TB3.model_dump()
+    data["robots"]["robot1"]["ros"] = ros
+    facts = replace(HEALTHY, mission=Mission.model_validate(data), router_trouble="silent", routed=None)
+    (finding,) = [one for one in ROBOT_LINK.look(facts) if one.name == "router-missing"]
+    assert finding.remedy == f"sudo systemctl restart {unit}; its log: journalctl -u {unit}"
+
+
 def test_unreachable_agent_is_not_also_reported_silent() -> None:
     nothing = replace(DESK, status=Stream(), newest_status=None)
     assert list(found(nothing)) == ["agent-silent"]
