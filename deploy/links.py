@@ -35,19 +35,20 @@ def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: st
     """Return the message, and remedies, if no process answers; `visitor` has the configuration needed."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
     where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
-    tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]
-    if not options.connect:
-        tries.append(
-            "a run prints its -e flags if the usual ports were taken; a field has those of its robots"
-        )
+    named = shlex.quote(options.mission)
+    if options.config is not None:
+        tries = [
+            f"formation doctor {named} says which robots can be reached, and why others cannot",
+            f"it says also whether {options.config} is the {visitor}'s, of this fleet, and not expired",
+        ]
     else:
-        tries.append("are these the endpoints of agents and leader, and does a firewall let this machine in?")
-    if options.config is None:
-        tries.append(f"robots under certificates answer only the {visitor}: -c FILE names its configuration")
-    else:
-        tries.append(
-            f"is {options.config} the {visitor}'s, of this fleet, and not expired? formation doctor says"
-        )
+        tries = [
+            f"if it does not run yet: formation run {named}",
+            "see that these are the endpoints of agents and leader, and that no firewall is between"
+            if options.connect
+            else "a run that found its usual ports taken has printed the -e flags that are needed here",
+            f"robots under certificates answer only the {visitor}: name its configuration, -c FILE",
+        ]
     if mission.team:
         tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
     return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])
