@@ -94,7 +94,7 @@ STEPS = {
 """Sub-commands of `formation deploy`, in the order of use."""
 EXAMPLES = """\
 examples:
-  formation run                          six robots in a hexagon behind their leader
+  formation run                          the paper's six robots, in a hexagon
   formation new wedge --robots 7         a mission of your own, into wedge_7.toml
   formation check two_chains             is it stable, how fast, which delay does it tolerate?
   formation simulate six_robots --runs 100 --seed 1
@@ -108,9 +108,9 @@ MISSION is a TOML file, a folder of bundles, or the name of a shipped mission.
 `formation COMMAND --help` says more.
 """
 DEPLOY_EXAMPLES = """\
-  formation deploy certificates field.toml --out secrets
-  formation deploy bundle field.toml --certificates secrets --out bundles
-  formation deploy push bundles
+  formation deploy certificates pair.toml --out secrets
+  formation deploy bundle pair.toml --certificates secrets --out field
+  formation deploy push field
 
 `formation deploy COMMAND --help` says more.
 """

@@ -53,9 +53,9 @@ LEADER = "leader"
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
 LOOPBACK = ("tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
 EXAMPLES = """\
-  formation deploy bundle field.toml --certificates secrets --out bundles
-  formation deploy bundle field.toml --certificates secrets --out bundles --python 3.11
-  formation deploy push bundles
+  formation deploy bundle pair.toml --certificates secrets --out field
+  formation deploy bundle pair.toml --certificates secrets --out field --python 3.11
+  formation deploy push field
 
 Or carry a robot's folder to it by hand, and there: sudo sh install.sh
 """

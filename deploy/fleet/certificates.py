@@ -35,8 +35,8 @@ DAYS, AUTHORITY_DAYS = 30.0, 365.0
 MAX_COMMON_NAME_CHARS = 64
 """Longest common name [characters]."""
 EXAMPLES = """\
-  formation deploy certificates field.toml --out secrets
-  formation deploy certificates field.toml --out secrets --renew --days 7
+  formation deploy certificates pair.toml --out secrets
+  formation deploy certificates pair.toml --out secrets --renew --days 7
 
 Anyone with secrets/robot2/key.pem can send as robot2, and anyone with secrets/ca/key.pem can issue any
 certificate. Keep the folder on the desk; `formation deploy bundle` takes from it what a robot needs.

@@ -77,9 +77,7 @@ def main(arguments: Sequence[str]) -> int:
     written = None if out is None else _write(options.mission, mission, places, out)
     end = "nothing was written"
     if written is not None:
-        state = (
-            "changed" if written else "is so already" if options.out is None else "written, nothing changed"
-        )
+        state = "changed" if written else "unchanged" if options.out is None else "written, nothing changed"
         end = f"{out}: {state}\n\nnext:\n  formation check {quote(str(out))}"
     text = "\n".join([*words(mission, places), "", end])
     tell(options, text, lambda: report(mission, places, options.least, out))
@@ -89,17 +87,17 @@ def main(arguments: Sequence[str]) -> int:
 def words(mission: Mission, places: Places) -> Iterator[str]:
     """Yield the places for people."""
     width = max(len(name) for name in ("in all", "longest", *mission.followers)) + 2
-    yield f"  {'robot':<{width}}{'takes the slot of':<{width + 14}}{'way before':<12}{'now':<10}measures"
+    yield f"  {'robot':<{width}}{'takes the slot of':<{width + 14}}{'distance before':<17}{'now':<10}measures"
     for name, place in places.of.items():
         other = "its own" if place == name else place
         seen = ", ".join(places.neighbours[name])
         if places.fallbacks[name]:
             seen += f", or else {', '.join(places.fallbacks[name])}"
         before, now = metres(places.before[name]), metres(places.now[name])
-        yield f"  {name:<{width}}{other:<{width + 14}}{before:<12}{now:<10}{seen}"
+        yield f"  {name:<{width}}{other:<{width + 14}}{before:<17}{now:<10}{seen}"
     for title, total in (("in all", sum), ("longest", max)):
         before, now = metres(total(places.before.values())), metres(total(places.now.values()))
-        yield f"  {title:<{width}}{'':<{width + 14}}{before:<12}{now}"
+        yield f"  {title:<{width}}{'':<{width + 14}}{before:<17}{now}"
 
 
 def report(mission: Mission, places: Places, least: str, out: Path | None) -> dict[str, Any]:

@@ -26,6 +26,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser(
         "missions",
         "List the missions that are shipped: copy one, change it, name the file; or `formation new`.",
+        "  formation missions\n  formation missions --json    names, shapes, laws and files, for a script\n",
     )
     add_json(options)
     chosen = options.parse_args(arguments)

@@ -362,4 +362,4 @@ class _Leading:
             if one.state == STANDBY:
                 yield Event(now.wall, INFO, name, "standby", f"stands by{more}")
             else:
-                yield Event(now.wall, WARNING, name, "lost", f"could not take over: {one.reason}{more}")
+                yield Event(now.wall, WARNING, name, "lost", f"cannot take over: {one.reason}{more}")

@@ -48,7 +48,7 @@ def test_robot_takes_the_slot_near_its_start(shape: str, least: str, capsys: Cap
     assert max(distances(after)) < SPACING / 3.0 < 0.2 * before
     assert main(["check", mission]) == 0
     text = Path(mission).read_bytes()
-    assert "is so already" in output_of(capsys, ["assign", mission])
+    assert "unchanged" in output_of(capsys, ["assign", mission])
     assert Path(mission).read_bytes() == text
 
 

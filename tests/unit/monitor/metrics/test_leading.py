@@ -87,7 +87,7 @@ def test_leading_standby_is_reported_with_time_without_leader() -> None:
     assert (change.robot, change.level) == ("spare1", 30)
     assert change.text.startswith("leads from here on, robot1 was silent for 0.9")
     (lost,) = of(events, "lost")
-    assert (lost.robot, lost.level, lost.text.startswith("could not take over")) == ("robot1", 30, True)
+    assert (lost.robot, lost.level, lost.text.startswith("cannot take over")) == ("robot1", 30, True)
     seen = team.seen
     assert seen.leads == "spare1"
     assert "spare1 leads, robot1 could not" in line(seen)
