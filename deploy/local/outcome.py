@@ -163,7 +163,7 @@ class Outcome:
         """Return since when the error is under the bound, and what is missing for convergence."""
         under = metres(self.mission.settled)
         if settled is None:
-            return f"never under {under} for good"
+            return f"not settled (bound {under})"
         lacking = "" if converged else f"; converged means under it for at least {DWELL_TIME:g} s"
         return f"under {under} since {settled:.1f} s{lacking}"
 
