@@ -20,6 +20,8 @@ MIN_CLOCK_DIFFERENCE = 0.01
 """Difference of elapsed time from the monitor's own from which on it is reported [s]."""
 EARLIER_SILENCE = 1.0
 """A robot that falls silent earlier than the others by this much counts as lost [s]."""
+IN_TRANSITION = "a shape transition was under way at the end"
+"""Why nothing has settled, however small the error is."""
 
 
 class Item(NamedTuple):
@@ -103,7 +105,8 @@ def verdict(run: Run) -> str:
     if run.snapshot.final_error is None:
         return _of_known(run, bound)
     if run.snapshot.settled_at is None:
-        return f"Not settled: the formation error was not under {bound} at the end."
+        why = f"the formation error was not under {bound} at the end"
+        return f"Not settled: {why if run.snapshot.formed else IN_TRANSITION}."
     since = f"under {bound} since {words.seconds(run.snapshot.settled_at)}"
     if run.snapshot.converged:
         return f"Converged: formation error {since}."
@@ -117,7 +120,8 @@ def _of_known(run: Run, bound: str) -> str:
         return "Not known at the end: a robot was lost before the others."
     over = f"over {known.final.words}"
     if known.settled_at is None:
-        return f"Not settled {over}: their error was not under {bound} at the end."
+        why = f"their error was not under {bound} at the end"
+        return f"Not settled {over}: {why if run.snapshot.formed else IN_TRANSITION}."
     since = f"under {bound} since {words.seconds(known.settled_at)}"
     if known.converged:
         return f"Converged {over}: error {since}."

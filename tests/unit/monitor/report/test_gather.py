@@ -406,6 +406,21 @@ def test_verdict_of_just_settled_run_names_the_rule() -> None:
     assert verdict(run).startswith("Converged: ")
 
 
+@pytest.mark.parametrize(
+    ("formed", "why"),
+    [
+        (True, "the formation error was not under 5 cm at the end"),
+        (False, "a shape transition was under way at the end"),
+    ],
+)
+def test_verdict_of_unsettled_run_says_why(formed: bool, why: str) -> None:
+    snapshot = SimpleNamespace(final_error=0.01, settled_at=None, converged=False, formed=formed)
+    run: Any = SimpleNamespace(
+        mission=SimpleNamespace(settled=0.05), messages=1, known=True, snapshot=snapshot
+    )
+    assert verdict(run) == f"Not settled: {why}."
+
+
 def thinned(rows: Iterable[Sequence[float]], **how: Any) -> Curves:
     """Curves of rows that come once a second."""
     rows = list(rows)
