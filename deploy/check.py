@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
     options = flags.parse_args(arguments)
     mission = read_mission(options.mission, options.law)
     warn_if_slow()
-    with waiting("checking; the first time it takes ten seconds and more to compile the law"):
+    with waiting("checking; with many robots, and the first time, this takes ten seconds and more"):
         found = analyse(mission)
     result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission), "links": links(mission)}
     tell(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})

@@ -19,6 +19,7 @@ from rich.console import Console
 from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission
 from formation.deploy.links import no_answer_message
 from formation.deploy.refusal import refusing
+from formation.deploy.terminal.bar import waiting
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
 from formation.deploy.terminal.views import view_for
@@ -172,10 +173,11 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
 
 def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     """Show one picture, as soon as it is complete."""
-    snapshot = watcher.look()
-    while not (stop or _complete(snapshot) or watcher.elapsed > COMPLETE_TIMEOUT_SECONDS):
-        time.sleep(STEP_PERIOD)
+    with waiting(f"looking for the robots, {COMPLETE_TIMEOUT_SECONDS:g} s at most"):
         snapshot = watcher.look()
+        while not (stop or _complete(snapshot) or watcher.elapsed > COMPLETE_TIMEOUT_SECONDS):
+            time.sleep(STEP_PERIOD)
+            snapshot = watcher.look()
     if stop:
         return 130
     progress = Progress(watcher.mission, phase="over")

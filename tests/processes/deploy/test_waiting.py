@@ -6,10 +6,14 @@ import io
 import os
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from formation.deploy.fleet import fleet_status
 from formation.deploy.terminal.bar import waiting
 from formation.deploy.terminal.playing import Keys
 from tests.support.child import PATIENCE
@@ -51,3 +55,20 @@ def test_short_wait_or_missing_terminal_shows_nothing(
 def test_keys_without_terminal_are_empty() -> None:
     with Path(os.devnull).open() as nothing, Keys(nothing) as keys:
         assert keys.wait(0.0) == []
+
+
+def test_status_of_a_fleet_says_which_robots_it_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    reported: list[str] = []
+
+    @contextmanager
+    def recorded(what: str) -> Iterator[None]:
+        reported.append(what)
+        yield
+
+    fleet = SimpleNamespace(robots=("robot1", "robot2"))
+    monkeypatch.setattr(fleet_status, "waiting", recorded)
+    monkeypatch.setattr(fleet_status, "words", lambda *_: ["the answers"])
+    monkeypatch.setattr("formation.deploy.fleet.fleet.read", lambda *_, **__: fleet)
+    monkeypatch.setattr("formation.deploy.fleet.fleet.on_all", lambda *_: {})
+    assert fleet_status.main(["field"]) == 0
+    assert reported == ["asking robot1, robot2"]

@@ -129,6 +129,14 @@ def _check_stopped(folder: Path, flags: list[str]) -> None:
 def test_watch_without_answers_suggests_remedies(
     flags: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    reported: list[str] = []
+
+    @contextmanager
+    def recorded(what: str) -> Iterator[None]:
+        reported.append(what)
+        yield
+
+    monkeypatch.setattr("formation.deploy.watch.waiting", recorded)
     monkeypatch.setattr("formation.deploy.watch.COMPLETE_TIMEOUT_SECONDS", 0.1)
     end = free_endpoint()
     assert main(["watch", "turtlebot3_pair", "--once", "-e", end, *flags]) == 1
@@ -137,6 +145,7 @@ def test_watch_without_answers_suggests_remedies(
     assert "formation run turtlebot3_pair" in err
     assert "-c FILE" in err
     assert not out or not json.loads(out)["all_run"]
+    assert reported == ["looking for the robots, 0.1 s at most"]
 
 
 def test_suggested_command_quotes_mission_filename() -> None:
@@ -144,7 +153,7 @@ def test_suggested_command_quotes_mission_filename() -> None:
     (line,) = [
         line for line in no_answer_message(PAIR, options, "monitor").splitlines() if "formation run" in line
     ]
-    assert shlex.split(line.partition("? ")[2])[-1] == options.mission
+    assert shlex.split(line.partition(": ")[2])[-1] == options.mission
 
 
 def test_watch_without_messages_reports_it_and_waits(tmp_path: Path) -> None:

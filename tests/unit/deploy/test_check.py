@@ -97,7 +97,7 @@ def test_check_shows_that_it_compiles_the_law(monkeypatch: pytest.MonkeyPatch, c
 
     monkeypatch.setattr(check, "waiting", waiting)
     assert main(["check", "turtlebot3_pair"]) == 0
-    assert reported == ["checking; the first time it takes ten seconds and more to compile the law"]
+    assert reported == ["checking; with many robots, and the first time, this takes ten seconds and more"]
     assert "no problem found" in capsys.readouterr().out
 
 
