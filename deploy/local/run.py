@@ -30,6 +30,10 @@ from formation.transport.runtime.command_line import make_folder
 
 START_TIMEOUT_SECONDS = 30.0
 """Time for the processes to get ready [s]."""
+OTHER_PORTS = (
+    "Other ports are used, as the usual ones are taken or belong to other machines: order, watch, drive and"
+    " follow need these -e as well."
+)
 REFRESH_PERIOD = 0.25
 """Time between two pictures if no snapshot comes [s]."""
 EXAMPLES = """\
@@ -194,10 +198,11 @@ def _recording(mission: Mission, requested: Path | None) -> Path:
 
 
 def _how_to_order(source: str, ports: Ports) -> str:
-    command = f"formation stop {shlex.quote(source)}"
+    lines = [f"Ctrl-C ends it. From another terminal: formation stop {shlex.quote(source)}"]
     if not ports.as_in_mission:
-        command += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
-    return f"Ctrl-C ends it. From another terminal: {command}"
+        lines[0] += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
+        lines.append(OTHER_PORTS)
+    return "\n".join(lines)
 
 
 def _tell_failed_start(child: Child) -> int:

@@ -7,6 +7,7 @@ import re
 import shlex
 import signal
 import time
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -68,7 +69,8 @@ def test_run_prints_page_address_before_table(runner: Runner) -> None:
     serves = monitor().replace("until_told(", f"until_told(page={invitation!r}, then=")
     done = runner(*good_programs(serves), flags=("--control",))
     assert done.code == 0
-    hint, page, table = done.out.splitlines()[:3]
+    lines = (line for line in done.out.splitlines() if line != run.OTHER_PORTS)
+    hint, page, table = islice(lines, 3)
     assert hint.startswith("Ctrl-C ends it.")
     assert page == f"Page: {invitation}"
     assert table.startswith("turtlebot3-pair: starting")
@@ -296,5 +298,12 @@ def test_impossible_recording_folder_is_refused(runner: Runner, tmp_path: Path) 
 
 def test_suggested_stop_command_quotes_mission_filename() -> None:
     with Ports(load("turtlebot3_pair")) as ports:
-        words = shlex.split(run._how_to_order("my missions/it's.toml", ports))
+        words = shlex.split(run._how_to_order("my missions/it's.toml", ports).splitlines()[0])
     assert words[words.index("stop") + 1] == "my missions/it's.toml"
+
+
+def test_run_on_other_ports_says_which_commands_need_them() -> None:
+    with Ports(load("turtlebot3_pair")), Ports(load("turtlebot3_pair")) as second:
+        hint, notice = run._how_to_order("turtlebot3_pair", second).splitlines()
+    assert all(f"-e {end}" in hint for end in second.endpoints.agents.values())
+    assert notice == run.OTHER_PORTS
