@@ -138,9 +138,12 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def all_run(snapshot: metrics.Snapshot) -> bool:
-    """Return whether every robot reports that it runs, and its messages arrive."""
+    """Return whether every robot reports that it runs, is not read only, and its messages arrive."""
     return all(
-        robot.state == "run" and robot.age is not None and robot.age <= MAX_POSITION_SILENCE
+        robot.state == "run"
+        and not robot.readonly
+        and robot.age is not None
+        and robot.age <= MAX_POSITION_SILENCE
         for robot in snapshot.robots.values()
     )
 

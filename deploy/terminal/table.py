@@ -66,25 +66,32 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
     if snapshot is None:
         return Text(_beginning(progress))
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    columns = _columns(width)
+    room = width - _state_excess(snapshot)
+    columns = _columns(room)
     for title in columns:
         side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
         table.add_column(Text(title), justify=side, no_wrap=True, min_width=COLUMNS[title])
     footer = _footer(progress, snapshot, width, ascii_only=ascii_only)
     names, left_out = _chosen(progress, snapshot, max(1, height - 3 - len(footer)))
-    title_room = width - _width(columns) + COLUMNS["robot"]
+    title_room = room - _width(columns) + COLUMNS["robot"]
     for name in names:
         cells = _row(progress, snapshot, name, title_room, ascii_only=ascii_only)
         table.add_row(*(cells[title] for title in columns))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
-    room = height - 3 - len(names) - bool(left_out) - len(footer)
+    event_room = height - 3 - len(names) - bool(left_out) - len(footer)
     return Group(
         heading,
         table,
         *([Text(left_out, style="dim")] if left_out else []),
         *footer,
-        *_events(progress, width, room),
+        *_events(progress, width, event_room),
     )
+
+
+def _state_excess(snapshot: Snapshot) -> int:
+    """Return by how much the longest state is wider than its column, as ``readonly: would run`` is."""
+    longest = max((len(robot.state) for robot in snapshot.robots.values()), default=0)
+    return max(0, longest - COLUMNS["state"])
 
 
 def _width(columns: Sequence[str]) -> int:

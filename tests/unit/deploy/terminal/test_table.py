@@ -108,6 +108,14 @@ def test_narrow_table_leaves_out_whole_columns(width: int, shown: str) -> None:
     assert all(len(text) <= width for text in lines)
 
 
+@pytest.mark.parametrize("width", [80, 60])
+def test_long_state_leaves_out_columns_not_units(width: int) -> None:
+    robots = {"robot3": RUNNING._replace(state="readonly: would run"), "robot4": RUNNING}
+    lines = picture(progress(robots=robots), width)
+    assert all(row(lines, name).endswith("31 ms") for name in robots)
+    assert all(len(text) <= width for text in lines)
+
+
 def test_robot_with_dead_agent_is_shown_as_dead() -> None:
     now = progress()
     now.dead["agent robot4"] = "was killed (Killed) during the run"
