@@ -43,6 +43,9 @@ EXAMPLES = """\
   formation rehearse patrol --seed 7 --record seven.mcap  then: formation report seven.mcap
   formation rehearse my_mission.toml --faults none --loss 0.1 --delay 0.1
   formation rehearse patrol --seeds 1000 --dask tcp://192.168.1.5:8786
+
+docs/guide/rehearsal.md says what each rule and each fault means.
+Exit code 0: every rule held; 1: one was broken; 2: nothing was rehearsed.
 """
 
 
