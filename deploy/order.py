@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ from formation.mission.file import (
 from formation.mission.model import Mission
 from formation.protocol.outcome import Outcome
 from formation.protocol.request import TAKES, OperatorRequest
+from formation.protocol.stops import MOTION
 from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
@@ -111,8 +113,11 @@ def stop(arguments: Sequence[str]) -> int:
     """Stop every robot, also where no mission is named; return the exit code."""
     flags = parser("stop", "Stop every robot of a running mission, at once.", STOP_EXAMPLES)
     flags.add_argument("mission", metavar="MISSION", nargs="?", help=MISSION_HELP)
+    flags.add_argument("more", nargs="*", help=argparse.SUPPRESS)
     add_request_flags(flags)
-    options = flags.parse_args(arguments)
+    options = flags.parse_intermixed_args(arguments)
+    if options.more:
+        raise Refusal(_for_all("stop", options.more, f"formation stop {shlex.quote(options.mission)}"))
     named = options.mission is not None
     if not named:
         options.mission = found(Path())
@@ -195,6 +200,8 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
         raise Refusal(f"shape: must be one of {', '.join(mission.shapes)}")
     if do == "tune":
         return _request_for(mission, do, _gains(given))
+    if given and do in MOTION:
+        raise Refusal(_for_all(do, given, f"formation order MISSION {do}"))
     if len(given) != len(verb.takes):
         takes = " and ".join(verb.takes.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
@@ -203,6 +210,14 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
         for (name, label), text in zip(verb.takes.items(), given, strict=True)
     }
     return _request_for(mission, do, what)
+
+
+def _for_all(do: str, given: Sequence[str], command: str) -> str:
+    """Return why a stop, hold, release or run takes nothing more, such as a robot's name."""
+    return (
+        f"{do} is for all robots and takes nothing more; here: {' '.join(given)}. All robots: {command}."
+        " One robot: on it, sudo systemctl stop formation-agent"
+    )
 
 
 def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:

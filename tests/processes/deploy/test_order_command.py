@@ -104,7 +104,7 @@ def test_bad_route_file_is_refused_in_one_line(
         ("fly", "order 'fly': must be one of stop, release, hold"),
         ("shape", "shape: must be one of hexagon, wedge"),
         ("shape circle", "shape 'circle': must be one of hexagon, wedge"),
-        ("stop wedge", "stop takes nothing more; here: wedge"),
+        ("stop wedge", "stop is for all robots and takes nothing more; here: wedge. All robots: formation"),
         ("rotate", "rotate takes DEG; here: nothing"),
         ("rotate left", "rotate DEG: 'left': must be a number"),
         ("rotate 4000", "degrees = 4000.0: must be less than or equal to 3600"),

@@ -51,6 +51,13 @@ def test_stop_without_mission_uses_default_or_bundles(
     assert unanswered(capsys, "stop")["missing"] == ["leader", "robot1", "robot2"]
 
 
+def test_stop_of_one_robot_is_refused_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stop", "six_robots", "robot2", "--timeout", "1"]) == 2
+    error = capsys.readouterr().err
+    assert "stop is for all robots and takes nothing more; here: robot2" in error
+    assert "formation stop six_robots. One robot: on it, sudo systemctl stop formation-agent" in error
+
+
 def test_several_bundle_folders_are_refused_by_name(tmp_path: Path) -> None:
     bundles(tmp_path / "east")
     bundles(tmp_path / "west")
