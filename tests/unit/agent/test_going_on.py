@@ -130,18 +130,6 @@ def test_other_robots_stay_in_formation_when_one_is_lost(
     assert largest_command_change(fleet, since) < 0.25
 
 
-@pytest.mark.slow
-def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None:
-    fleet = under_way(SIX)
-    fleet.ask("robot3", "hold")
-    fleet.run(3.0)
-    assert fleet.agents["robot4"].neighbours.guides == ("robot2",)
-    assert fleet.agents["robot5"].neighbours.guides == ("robot4",)
-    found = slot_errors(fleet)
-    assert found.pop("robot3") > 0.5
-    assert max(found.values()) < 0.02
-
-
 def test_blocked_robot_holds_reports_frozen_motion_and_probes() -> None:
     fleet = under_way()
     blocked(fleet, "robot1")

@@ -24,10 +24,8 @@ from formation.protocol.order import Order
 from formation.protocol.order import Slots as OrderedSlots
 from formation.simulation.edges import Edges, edge_errors
 from formation.slots.shape import PlacedShape
-from formation.topics import POSITION
 from formation.wire import BadMessage, Now
 from tests.support.fleet import Fleet
-from tests.support.meddling import reordered
 from tests.support.missions import team, with_robots
 from tests.unit.agent.sudden import largest_command_change
 
@@ -81,22 +79,6 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
         assert worst < 0.04
         assert greatest_edge_error(fleet) < 0.005
     assert largest_command_change(fleet, since) < 0.18  # a gain of 8 1/s instead of 4; the ramp allows 0.2
-
-
-@pytest.mark.slow
-def test_slots_follow_jumping_order_at_limited_speed() -> None:
-    fleet = Fleet.under_way(SIX, 9.0)
-    since, jump = fleet.now, OrderedSlots(mix={"wedge": 1.0}, rotation=1.5)
-    fleet.meddle = reordered(POSITION.key("robot1"), slots=jump)
-    most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed
-    for _ in range(100):
-        before, began = {n: dict(a._slots.state.at) for n, a in fleet.agents.items()}, fleet.now
-        fleet.run(0.05)
-        for name, agent in fleet.agents.items():
-            for other, was in before[name].items():
-                assert abs(agent._slots.state.at[other] - was) <= most * (fleet.now - began + 0.06)
-    assert largest_command_change(fleet, since) <= 0.21
-    assert {agent._slots.state.standing for agent in fleet.agents.values()} == {True}
 
 
 @pytest.mark.parametrize(

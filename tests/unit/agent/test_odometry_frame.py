@@ -293,12 +293,6 @@ def test_impossible_speed_does_not_change_estimated_heading(law: str) -> None:
     assert driver.here.heading == before
 
 
-def test_turning_at_maximum_rate_is_no_jump(driver: Driver) -> None:
-    for _ in range(40):
-        driver.drive(turn=1.5 * PERIOD)
-        assert driver.here.state.jumped is None
-
-
 def test_paper_observer_stays_finite_while_reversing() -> None:
     driver = Driver("paper")
     for _ in range(4000):

@@ -18,7 +18,6 @@ from formation.agent.inbox import DRAIN_TIME
 from formation.agent.persistence.persistence import RESTORE_TRIAL_TIME, SAVE_PERIOD
 from formation.agent.persistence.restore import MAX_INTEGRAL_AGE, MAX_STATE_AGE
 from formation.agent.persistence.store import boot_id
-from formation.agent.pose.probe import MAX_PROBE_DISTANCE
 from formation.agent.process import Sides, drive
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.file import load
@@ -31,7 +30,6 @@ from formation.transport.runtime import clock
 from formation.transport.runtime.process import clocks
 from tests.support import meddling
 from tests.support.fleet import Fleet
-from tests.support.meddling import altered
 from tests.support.missions import with_robots
 from tests.support.recorded import Wire, all_alike, verify
 from tests.support.restarting import Team, driving, turning_back
@@ -278,29 +276,6 @@ def test_integral_is_restored_only_up_to_max_age(gone: float) -> None:
         team.run(0.001)
     integral = team.agents["robot3"].state.integral
     assert (integral == complex(*kept)) is (gone < MAX_INTEGRAL_AGE)
-
-
-@pytest.mark.slow
-def test_robot_with_frozen_odometry_stays_in_place_over_restarts() -> None:
-    team = driving()
-    held: list[Odometry] = []
-
-    def freeze(seen: Odometry) -> Odometry:
-        held.append(seen)
-        return replace(held[0], stamp=seen.stamp)
-
-    team.meddle = altered(ODOM.key("robot3"), Odometry, freeze)
-    team.run(2.0)
-    here, paths = team.plant("robot3").position, []
-    for _ in range(5):
-        assert team.status("robot3").reason.code is Code.MOTION_FROZEN
-        tries = team.agents["robot3"].state.probe.tries
-        team.replace("robot3", 1.0)
-        team.run(3.0)
-        assert team.agents["robot3"].state.probe.tries >= tries
-        paths.append(abs(team.plant("robot3").position - here))
-    assert max(paths) < MAX_PROBE_DISTANCE
-    assert all_alike(verify(SIX, team.record))
 
 
 @pytest.mark.slow

@@ -11,12 +11,8 @@ from typing import Any
 import pytest
 
 from formation.agent.safety.scanner import LONGEST_SWEEP, Scanner
-from formation.agent.simulated.faults import Fault, with_faults
-from formation.agent.simulated.simulated import kinematic
 from formation.control.unicycle import AT_REST, Command
-from formation.mission.file import parse, read
 from formation.protocol.reasons import Code, Reason
-from formation.protocol.status import AgentState
 from formation.ros2.messages import LaserScan, Odometry, decode, encode
 from formation.sensing.raycast import Scanner as Device
 from formation.topics import ODOM, SCAN
@@ -29,7 +25,6 @@ from tests.unit.agent.scanned import Robot, mission, post, scan, scanner_after
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, least_gap, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]
-NOISY, EXACT = "lost = 0.05\n", "lost = 0.0\nnoise = 0.0\nrelative_noise = 0.0\n"
 KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
 
 
@@ -260,22 +255,6 @@ def test_cycle_of_old_scans_is_doubted(count: int) -> None:
         scanner.moved(moment, Command(0.2, 0.0))
         scanner.process_scan(scan(moment, [1.0 + 0.1 * (number % count)] * 40), moment, at(moment))
         assert (scanner.doubt is None) == (number < count)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exact", [False, True])
-def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
-    text, name = read("posts")
-    world = parse(text.replace(NOISY, EXACT) if exact else text, name)
-    faults = [Fault(one, "scan_frozen", 0.0, 3.0, 8.0) for one in world.followers]
-    fleet = Fleet(world, plants=with_faults(kinematic, faults)).after(4.0)
-    before = {one: fleet.plant(one).path for one in world.followers}
-    fleet.run(6.5)
-    for one in world.followers:
-        assert fleet.plant(one).path - before[one] < 0.1
-        assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
-    fleet.run(2.0)
-    assert fleet.states == {AgentState.RUN}
 
 
 def seeing(robot: str = "required", **changes: Any) -> Scanner:

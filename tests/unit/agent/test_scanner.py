@@ -115,15 +115,6 @@ def test_standing_obstacle_keeps_its_place_between_scans() -> None:
     assert abs(there - (1.5 + 0.3j)) < 0.12
 
 
-def test_first_beam_of_swept_scan_is_moved_to_now() -> None:
-    scanner = Scanner(mission(), "robot2")
-    for moment in (0.0, 0.1, 0.2, 0.3):
-        scanner.moved(moment, Command(0.0, 1.0))
-    scanner.process_scan(scan(0.0, post(1.0), time_increment=0.2 / 359), 0.25, at(0.25))
-    (circle,) = scanner.strangers(at(0.25), [])
-    assert cmath.phase(circle.at) == pytest.approx(-0.25)  # of the first beam, a quarter of a second ago
-
-
 def test_mission_sweep_overrides_time_increment_of_driver() -> None:
     ends = []
     for sweep in ("", ", sweep = 0.2"):

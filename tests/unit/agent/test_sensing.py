@@ -42,18 +42,6 @@ def with_fault(name: str, source: str, kind: str, size: float = 0.0, lasts: floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", SOURCES)
-@pytest.mark.parametrize(("kind", "size"), [("frozen", 0.0), ("tremble", 1e-3), ("blocked", 0.0)])
-def test_robot_without_visible_motion_holds_and_resumes(source: str, kind: str, size: float) -> None:
-    fleet, robot = with_fault("six_robots", source, kind, size, lasts=6.0)
-    assert fleet.driven(robot, 4.5) < BOUND
-    assert fleet.agents[robot].decision.state is AgentState.HOLD
-    assert "frozen or robot blocked" in str(fleet.status(robot).reason)
-    assert fleet.driven(robot, 25.0) > 2.0
-    assert fleet.agents[robot].decision.state is AgentState.RUN
-
-
-@pytest.mark.slow
 def test_probes_stay_bounded_during_long_fault() -> None:
     fleet, robot = with_fault("turtlebot3_pair", "odometry", "tremble", 1e-3)
     assert fleet.driven(robot, 70.0) < BOUND
@@ -351,18 +339,6 @@ def test_trust_ends_doubt_only_after_one_second() -> None:
     assert watched.check.state.doubt is doubt
     watched.check.trust(doubt.since + 1.01)
     assert watched.check.state.doubt is None
-
-
-@pytest.mark.slow
-def test_robot_holds_while_its_displacements_are_frozen() -> None:
-    fleet = faulty(LOCAL, Fault(ROBOT, "relative_frozen", 0.0, 6.0, 10.0))
-    fleet.run(9.5)
-    assert fleet.driven(ROBOT, 6.0) < 0.05
-    assert fleet.agents[ROBOT].decision.reason.code is Code.RELATIVE_FROZEN
-    fleet.run(1.5)
-    assert fleet.agents[ROBOT].decision.state is AgentState.RUN
-    fleet.run(30.0)
-    assert fleet.error() < LOCAL.settled
 
 
 def late_displacements(seconds: float) -> Callable[[Sample], Iterable[Sample]]:

@@ -24,7 +24,6 @@ from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.restarting import driving
-from tests.unit.agent.sudden import largest_command_change
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
 MISSIONS = {"six": SIX, "pair": PAIR, "patrol": PATROL}
@@ -123,17 +122,6 @@ def test_accepted_gains_cause_no_command_jump(mission: Mission, law: str) -> Non
     assert 0.0 < most <= JUMP
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("gains", [{"k_p": 6.0, "k_i": 4.0}, {"k_p": 0.5, "k_i": 0.1}, {"k_i": 0.0}])
-def test_new_gains_in_formation_cause_no_command_jump(gains: dict[str, float]) -> None:
-    fleet = Fleet.under_way(SIX, 20.0, seed=1)
-    assert fleet.error() < 0.05
-    assert tune(fleet, **gains).ok
-    fleet.run(5.0)
-    assert largest_command_change(fleet, 20.0) < JUMP
-    assert fleet.error() < 0.05
-
-
 def test_restarted_agent_reaches_same_gains() -> None:
     fleet = Fleet.under_way(SIX, 3.0, seed=2, loss=0.1)
     fleet.kill("robot4")
@@ -147,21 +135,6 @@ def test_restarted_agent_reaches_same_gains() -> None:
     fleet.run(4.0)
     assert in_force(fleet) == {(SIX.gains.k_p, 0.0)}
     assert fleet.status("robot4").k_p is None
-
-
-@pytest.mark.slow
-def test_gains_stay_in_force_after_takeover() -> None:
-    fleet = Fleet(PATROL, seed=2).after(3.0)
-    assert tune(fleet, k_p=3.0).ok
-    fleet.run(0.3)
-    fleet.kill("leader")
-    fleet.run(4.0)
-    assert fleet.leader_terms[-1].name != "leader"
-    assert in_force(fleet) == {(3.0, 0.0)}
-    assert fleet.in_charge.plan.gains == Tuned(k_p=3.0, k_i=0.0)
-    assert tune(fleet, k_i=0.5).ok
-    fleet.run(4.0)
-    assert in_force(fleet) == {(3.0, 0.5)}
 
 
 def test_restarted_agent_keeps_gains_and_integral() -> None:
