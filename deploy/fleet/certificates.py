@@ -28,6 +28,7 @@ from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
+from formation.transport.security.signing import issued_by
 from formation.transport.wiring import members
 
 KEY, CERTIFICATE, TRUSTED = "key.pem", "certificate.pem", "ca.pem"
@@ -110,7 +111,7 @@ def read(folder: Path, name: str, now: datetime) -> Pair:
     pair = authority.read(home / CERTIFICATE, home / KEY)
     if pair.name != name:
         raise Refusal(f"{home / CERTIFICATE}: is the certificate of {pair.name!r}, not of {name!r}")
-    if not authority.issued_by(pair.certificate, authority.read_certificate(home / TRUSTED)):
+    if not issued_by(pair.certificate, authority.read_certificate(home / TRUSTED)):
         raise Refusal(f"{home / CERTIFICATE}: was not issued by {home / TRUSTED}; renew it")
     if pair.expires <= now:
         raise Refusal(f"{home / CERTIFICATE}: has expired on {pair.expires:%Y-%m-%d %H:%M} UTC; renew it")

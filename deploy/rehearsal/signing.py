@@ -6,7 +6,6 @@ What is signed, verified and relayed, and when, is the production's.
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import hmac
 from typing import NamedTuple
@@ -16,7 +15,7 @@ from formation.protocol import json_message, order
 from formation.protocol.attachment import PositionAttachment
 from formation.protocol.order import Order
 from formation.topics import POSITION
-from formation.transport.security.signing import BadSignature, Certified, key_id_of
+from formation.transport.security.signing import BadSignature, Certified, encoded, key_id_of
 from formation.transport.security.verifying import Verifier
 from formation.wire import Outgoing
 
@@ -39,7 +38,7 @@ class RehearsedSigner(NamedTuple):
     def sign(self, message: bytes) -> str:
         """Sign `message`."""
         digest = hmac.digest(self.key, message, "sha256")
-        return _key_id(self.certificate) + _encoded(digest + hmac.digest(self.key, digest, "sha256"))
+        return _key_id(self.certificate) + encoded(digest + hmac.digest(self.key, digest, "sha256"))
 
 
 class Keys:
@@ -52,7 +51,7 @@ class Keys:
     def signer(self, name: str) -> RehearsedSigner:
         """The key of the process `name`."""
         content = f"certificate of {name}\n".encode().ljust(CERTIFICATE_BYTES, b".")
-        return RehearsedSigner(_encoded(content), hashlib.sha256(content).digest())
+        return RehearsedSigner(encoded(content), hashlib.sha256(content).digest())
 
     def verifier(self, own: str = "") -> Verifier:
         """What checks orders before a process; `own` is its certificate, if it is a candidate."""
@@ -164,8 +163,4 @@ def _with(attachment: PositionAttachment, forged: Order, signature: str) -> Posi
 
 
 def _key_id(certificate: str) -> str:
-    return key_id_of(_encoded(hashlib.sha256(certificate.encode()).digest()))
-
-
-def _encoded(data: bytes) -> str:
-    return base64.urlsafe_b64encode(data).rstrip(b"=").decode()
+    return key_id_of(encoded(hashlib.sha256(certificate.encode()).digest()))

@@ -161,12 +161,6 @@ def about_of(path: Path) -> Mapping[str, str]:
     raise UnreadableError(f"{path}: is no recording that `formation` made")
 
 
-def has_end(path: Path) -> bool:
-    """Return whether a file was ended properly; it may be damaged before that."""
-    with path.open("rb") as file:
-        return footer(file) is not None
-
-
 def condition_of(path: Path, tell: Tell = lambda _: None) -> Condition:
     """Return what of a file cannot be read. Raises OSError."""
     with path.open("rb") as file:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from formation.deploy.fleet import wheels
+from formation.deploy.fleet.wheels import Target
 from tests.field import deployed
 from tests.field.bundles import Field
 from tests.field.light import MakeBundle, light
@@ -35,6 +37,18 @@ def make_bundle(bundles: Path, tmp_path: Path) -> MakeBundle:
         return light(bundles / "robot1", tmp_path / name, modules, **facts)
 
     return make
+
+
+@pytest.fixture
+def no_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Collect two files instead of wheels; `test_wheels` and `test_install` use real ones."""
+
+    def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
+        del before
+        (folder / "zenoh_formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
+        (folder / wheels.REQUIREMENTS).write_text("zenoh-formation==0.1.0\n")
+
+    monkeypatch.setattr(wheels, "collect", collect)
 
 
 @pytest.fixture(scope="module")

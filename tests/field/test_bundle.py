@@ -21,21 +21,10 @@ from formation.deploy.fleet.wheels import Target
 from formation.mission.file import DESK, configuration_of, load, parse
 from tests.field.deployed import TEXT, mission, secrets
 
+pytestmark = pytest.mark.usefixtures("no_wheels")
 PI = Target("aarch64", "3.12")
 NOW = datetime.now(UTC)
 ROBOTS = ("leader", "robot1", "robot2")
-
-
-@pytest.fixture(autouse=True)
-def no_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Collect two files instead of wheels; `test_wheels` and `test_install` use real ones."""
-
-    def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
-        del before
-        (folder / "zenoh_formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
-        (folder / wheels.REQUIREMENTS).write_text("zenoh-formation==0.1.0\n")
-
-    monkeypatch.setattr(wheels, "collect", collect)
 
 
 @pytest.fixture

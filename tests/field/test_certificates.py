@@ -20,6 +20,7 @@ from formation.deploy.fleet.access import hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
+from formation.transport.security.signing import issued_by
 from tests.field.deployed import TEXT
 from tests.field.missions import in_the_field, listening, on_a_wireless_network
 from tests.support.needs import path_of
@@ -49,7 +50,7 @@ def test_every_process_certificate_has_its_name_and_address(secrets: Path) -> No
         pair = certificates.read(secrets, name, NOW)
         assert pair.name == name
         assert isinstance(pair.key.curve, ec.SECP256R1)
-        assert authority.issued_by(pair.certificate, root.certificate)
+        assert issued_by(pair.certificate, root.certificate)
         constraints = pair.certificate.extensions.get_extension_for_class(x509.BasicConstraints)
         assert not constraints.value.ca
         place = [hosts(PAIR)[name].address] if name in PAIR.robots else []
@@ -151,7 +152,7 @@ def test_renewal_makes_new_keys_under_same_authority(secrets: Path) -> None:
     assert certificates.read_authority(secrets).certificate == root.certificate
     assert after.expires == later + timedelta(days=30)
     assert after.key_pem != before.key_pem
-    assert authority.issued_by(after.certificate, root.certificate)
+    assert issued_by(after.certificate, root.certificate)
     assert not list(secrets.rglob(".*.pem.*"))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from cryptography import x509
 
-from formation.deploy.fleet import authority, bundle, certificates, fleet, wheels
+from formation.deploy.fleet import authority, bundle, certificates, fleet
 from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.bundle import VERSION
 from formation.deploy.fleet.wheels import Target
@@ -32,15 +32,8 @@ def secrets(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def bundles(secrets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Bundles of a team with a standby, with two files instead of wheels."""
-
-    def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
-        del before
-        (folder / "zenoh_formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
-        (folder / wheels.REQUIREMENTS).write_text("zenoh-formation==0.1.0\n")
-
-    monkeypatch.setattr(wheels, "collect", collect)
+def bundles(secrets: Path, tmp_path: Path, no_wheels: None) -> Path:  # noqa: ARG001
+    """Bundles of a team with a standby."""
     bundle.make(parse(WITH), WITH, tmp_path / "out", secrets, PI, now=NOW)
     return tmp_path / "out"
 

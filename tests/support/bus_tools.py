@@ -7,22 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
-from formation.transport.bus import Bus, BusConfig
+from formation.transport.bus import Bus
 from formation.transport.mailbox import Reply
 from formation.wire import Sample
 from tests.support.child import PATIENCE, until
 
 ODOMETRY, COMMAND, PLACE, REQUESTED = (topic.key("robot1") for topic in (ODOM, CMD_VEL, POSITION, ORDER))
-
-
-@contextmanager
-def pair_on(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
-    """A bus that listens and subscribes, and one that dials it, is linked and has advertised."""
-    with Bus(BusConfig(listen=(endpoint,))) as here, Bus(BusConfig(connect=(endpoint,))) as there:
-        here.subscribe(ODOMETRY)
-        there.advertise(ODOM, ODOMETRY)
-        until(lambda: there.watched(ODOMETRY))
-        yield here, there
 
 
 @contextmanager

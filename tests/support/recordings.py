@@ -11,6 +11,7 @@ from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder
+from formation.monitor.recording.scan import footer
 from formation.monitor.report.gather import Run, gather
 from formation.wire import Now, Outgoing, Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, status
@@ -90,3 +91,9 @@ def run_of(folder: Path, result: Iterable[Sample], text: str = "", law: str = "f
     """The run of a recording in `folder` of what is said."""
     record(folder / "run.mcap", result, text, law)
     return gathered(folder / "run.mcap")
+
+
+def has_end(path: Path) -> bool:
+    """Whether a file was ended properly; it may be damaged before that."""
+    with path.open("rb") as file:
+        return footer(file) is not None

@@ -70,7 +70,7 @@ class Authority:
             raise BadSignature("certificate's key must be EC P-256")
         if usage.ca or len(names) != 1:
             raise BadSignature("certificate must be that of one process")
-        if not any(_issued(certificate, one) for one in self._certificates):
+        if not any(issued_by(certificate, one) for one in self._certificates):
             raise BadSignature(f"certificate of {str(names[0].value)[:64]!r} is not of the fleet's authority")
         return Certified(
             str(names[0].value),
@@ -95,7 +95,7 @@ class Signer:
             certificate = x509.load_pem_x509_certificate(_bytes(identity.certificate))
         except ValueError:
             raise BusError(f"{identity.certificate}: must be a certificate (PEM)") from None
-        self.certificate = _encoded(certificate.public_bytes(serialization.Encoding.DER))
+        self.certificate = encoded(certificate.public_bytes(serialization.Encoding.DER))
         """As transmitted: DER in Base64."""
         try:
             certified = Authority(identity.authority).read(self.certificate)
@@ -114,7 +114,7 @@ class Signer:
     def sign(self, message: bytes) -> str:
         """Sign `message`."""
         r, s = utils.decode_dss_signature(self._key.sign(message, _ECDSA))
-        return self._id + _encoded(_number(r) + _number(min(s, ORDER_OF_P256 - s)))
+        return self._id + encoded(_number(r) + _number(min(s, ORDER_OF_P256 - s)))
 
 
 def _verifies(key: ec.EllipticCurvePublicKey, signature: str, message: bytes) -> bool:
@@ -132,7 +132,8 @@ def _verifies(key: ec.EllipticCurvePublicKey, signature: str, message: bytes) ->
     return True
 
 
-def _issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+    """Return whether `authority` has signed it."""
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):
@@ -152,7 +153,7 @@ def _private_key(file: Path) -> ec.EllipticCurvePrivateKey:
 
 def _key_id(key: ec.EllipticCurvePublicKey) -> str:
     spelled = key.public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
-    return _encoded(hashlib.sha256(spelled).digest()[:KEY_ID_BYTES])
+    return encoded(hashlib.sha256(spelled).digest()[:KEY_ID_BYTES])
 
 
 _ID_LENGTH = 4 * KEY_ID_BYTES // 3
@@ -167,17 +168,18 @@ def _number(value: int) -> bytes:
     return value.to_bytes(NUMBER_BYTES)
 
 
-def _encoded(data: bytes) -> str:
+def encoded(data: bytes) -> str:
+    """Return Base64 for a URL, without padding."""
     return base64.urlsafe_b64encode(data).rstrip(b"=").decode()
 
 
 def _decoded(text: str) -> bytes:
-    """Decode Base64. Raises BadSignature for text that `_encoded` does not make."""
+    """Decode Base64. Raises BadSignature for text that `encoded` does not make."""
     try:
         data = base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
     except (binascii.Error, ValueError):
         raise BadSignature("is not Base64") from None
-    if _encoded(data) != text:
+    if encoded(data) != text:
         raise BadSignature("is not the only Base64 of its bytes")
     return data
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -17,18 +16,11 @@ from tests.support.bus_tools import (
     acquaint,
     answers,
     collect,
-    pair_on,
     serving,
 )
 from tests.support.child import PATIENCE, free_endpoint, until
 
 pytestmark = pytest.mark.processes
-
-
-@pytest.fixture
-def pair(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
-    with pair_on(endpoint) as (here, there):
-        yield here, there
 
 
 @pytest.mark.smoke

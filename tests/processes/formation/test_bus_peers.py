@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -11,7 +10,7 @@ from formation.topics import CMD_VEL, ODOM, POSITION
 from formation.transport.bus import CLOSE_TIMEOUT_SECONDS, Bus, BusConfig, BusError
 from formation.transport.bus_config import THREADS
 from tests.processes.formation.bus_peer import MESSAGES
-from tests.support.bus_tools import COMMAND, ODOMETRY, PLACE, REQUESTED, answers, collect, pair_on, serving
+from tests.support.bus_tools import COMMAND, ODOMETRY, PLACE, REQUESTED, answers, collect, serving
 from tests.support.child import PATIENCE, free_endpoint, started, until
 from tests.support.zenoh_admin import inspect
 
@@ -19,12 +18,6 @@ pytestmark = pytest.mark.processes
 PEER = "tests.processes.formation.bus_peer"
 ADMIN_SPACE = "@/*/peer"
 """Answered by Zenoh, once for each session."""
-
-
-@pytest.fixture
-def pair(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
-    with pair_on(endpoint) as (here, there):
-        yield here, there
 
 
 def test_each_dial_makes_one_link_and_no_peer_relays(endpoint: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import signal
-import ssl
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -18,16 +17,7 @@ import pytest
 
 from tests.support.child import PATIENCE
 from tests.support.launched import command
-
-PLAIN = ssl.create_default_context()
-"""Context without certificates: nothing here uses TLS, but httpx would read all of them for each client."""
-
-
-class Received(NamedTuple):
-    """One server-sent event."""
-
-    kind: str
-    data: Any
+from tests.support.looking import PLAIN, looking
 
 
 class Run(NamedTuple):
@@ -50,8 +40,9 @@ def drive(folder: Path, frames_after: int) -> Run:
         frames: list[dict[str, Any]] = []
         left = math.inf
         hello: dict[str, Any] = {}
-        with suppress(httpx.RemoteProtocolError):  # a stream that ends with its server
-            for received in looking(address):
+        # a stream that ends with its server
+        with suppress(httpx.RemoteProtocolError), looking(address) as events:
+            for received in events:
                 if received.kind == "hello":
                     hello = received.data
                 elif received.kind == "frame":
@@ -72,17 +63,6 @@ def after(beginning: str, lines: IO[str]) -> str:
         if line.startswith(beginning):
             return line.removeprefix(beginning).strip()
     raise AssertionError(f"the process ended without printing {beginning!r}")
-
-
-def looking(address: str) -> Iterator[Received]:
-    """Yield the events that an open page receives."""
-    with httpx.stream("GET", f"{address}stream", timeout=PATIENCE, verify=PLAIN) as response:
-        kind = ""
-        for line in response.iter_lines():
-            if line.startswith("event: "):
-                kind = line.removeprefix("event: ")
-            elif line.startswith("data: "):
-                yield Received(kind, json.loads(line.removeprefix("data: ")))
 
 
 class Replayed:
@@ -110,11 +90,12 @@ class Replayed:
         """Seek to `at` [s] in a paused replay; return the greeting and the frame there."""
         assert self.steered("seek", at)["t"] == pytest.approx(at, abs=0.002)
         hello: dict[str, Any] = {}
-        for received in looking(self.address):
-            if received.kind == "hello":
-                hello = received.data
-            elif received.kind == "frame" and received.data["t"] == pytest.approx(at, abs=0.002):
-                return hello, received.data
+        with looking(self.address) as events:
+            for received in events:
+                if received.kind == "hello":
+                    hello = received.data
+                elif received.kind == "frame" and received.data["t"] == pytest.approx(at, abs=0.002):
+                    return hello, received.data
         raise AssertionError("the stream ended without a frame")
 
     def result(self, patience: float = PATIENCE) -> dict[str, Any]:

@@ -14,12 +14,13 @@ from mcap.reader import make_reader
 from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.disk import NOTHING, Forcer
 from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import has_end, read
+from formation.monitor.recording.reader import read
 from formation.monitor.recording.recorder import Recorder, RecordingError
 from formation.monitor.recording.rotation import Room
 from tests.support.child import until
 from tests.support.disks import feed, in_a_file, in_memory, run, settle
 from tests.support.monitored import EPOCH, command
+from tests.support.recordings import has_end
 from tests.unit.monitor.recording.test_recorder import recorder
 
 SMALL = Room(stop=400_000, resume=1_500_000)

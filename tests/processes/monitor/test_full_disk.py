@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 
-from formation.monitor.recording.reader import has_end, read
+from formation.monitor.recording.reader import read
 from formation.ros2.messages import LogEntry, decode
 from formation.topics import EVENTS, ODOM
 from tests.processes.agent.actor import Actor, watching
 from tests.support.child import PATIENCE, Child, until
 from tests.support.disks import in_memory
+from tests.support.recordings import has_end
 
 pytestmark = [pytest.mark.processes, pytest.mark.mounts]
 

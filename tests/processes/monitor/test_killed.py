@@ -20,11 +20,12 @@ from pathlib import Path
 
 import pytest
 
-from formation.monitor.recording.reader import has_end, read
+from formation.monitor.recording.reader import read
 from formation.monitor.recording.recover import recover
 from formation.wire import Now, Sample
 from tests.support.child import PATIENCE
 from tests.support.monitored import EPOCH, command, odometry
+from tests.support.recordings import has_end
 from tests.unit.monitor.recording.test_recorder import recorder
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]

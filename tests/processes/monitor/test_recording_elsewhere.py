@@ -14,10 +14,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from formation.monitor.recording.channels import SUFFIX
-from formation.monitor.recording.reader import extent_of, has_end, read
+from formation.monitor.recording.reader import extent_of, read
 from formation.monitor.recording.recover import recover
 from tests.processes.agent.actor import events, watching
 from tests.processes.monitor.replayed import Run
+from tests.support.recordings import has_end
 
 pytestmark = pytest.mark.processes
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from formation.monitor.recording.reader import UnreadableError, about_of, has_end, read
+from formation.monitor.recording.reader import UnreadableError, about_of, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.rotation import Rotation, of_size, of_time, siblings
 from tests.support.child import until
 from tests.support.monitored import EPOCH, Fleet
+from tests.support.recordings import has_end
 from tests.unit.monitor.recording.test_recorder import recorder
 
 ROTATION = Rotation(time=2.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
 from formation.control.unicycle import AT_REST
@@ -11,20 +9,12 @@ from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import read
 from tests.campaigns.defects.plan import MISSIONS
+from tests.campaigns.driving.__main__ import FAILURES
 from tests.support.examples import slow
 from tests.support.missions import with_keys
 
 STAND_SECONDS = 0.5
 """Time after the driver's last input, or a failure, within which all robots stand [s]."""
-DESK = "operator's machine"
-FAILURES: dict[str, Callable[[RehearsedFleet], None]] = {
-    "driver cut off": lambda fleet: fleet.cut([DESK], ["leader"]),
-    "leader dies": lambda fleet: fleet.kill("leader"),
-    "leader hangs": lambda fleet: fleet.freeze("leader"),
-    "leader cut off": lambda fleet: fleet.cut(["leader"], fleet.mission.followers),
-    "agent of the first robot dies": lambda fleet: fleet.kill("robot1"),
-}
-
 SOME = "driver cut off", "leader dies"
 """Failures that are tried by default."""
 

@@ -33,7 +33,6 @@ from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
 from formation.monitor.recording.part import BLOCK_BYTES, CHUNK_HEAD_BYTES, Chunk, Entry, Index, Part
 from formation.monitor.recording.part import packed as packed_record
-from formation.monitor.recording.reader import has_end
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
@@ -43,6 +42,7 @@ from formation.ros2.messages import Displacement, Number, Text, decode, encode, 
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, sample_of, status
+from tests.support.recordings import has_end
 
 TEXT, SIX = read("six_robots")[0], load("six_robots")
 

@@ -17,10 +17,11 @@ from mcap.records import ChunkIndex
 
 from formation.monitor.recording import scan
 from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import Condition, Recorded, Recording, UnreadableError, has_end, read
+from formation.monitor.recording.reader import Condition, Recorded, Recording, UnreadableError, read
 from formation.monitor.recording.recover import recover
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, odometry
+from tests.support.recordings import has_end
 from tests.unit.monitor.recording.test_recorder import record, summary_of
 
 Bare = tuple[str, bytes, bytes | None, int]
