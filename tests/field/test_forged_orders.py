@@ -1,4 +1,7 @@
-"""Forged orders, relayed with a stolen robot key over real links: all are refused."""
+"""Forged orders, relayed with a stolen robot key over real links: they are refused.
+
+`tests/unit/formation/test_verifying.py` tries every forgery.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from formation.deploy.fleet import authority, certificates
-from formation.protocol import json_message, order
+from formation.protocol import json_message
 from formation.protocol.attachment import PositionAttachment
 from formation.topics import POSITION
-from formation.transport.security.signing import Signer
-from formation.transport.session import Identity
 from tests.field.assault import link
 from tests.field.team import VICTIM, Team, driving, mission
 from tests.support.namespaces import until
@@ -56,28 +57,12 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
         yield Held(team, [one for one in decoded if one.order is not None])
 
 
-def signer(team: Team, name: str) -> Signer:
-    folder = team.desk.folder / name
-    files = [folder / file for file in (certificates.TRUSTED, certificates.KEY, certificates.CERTIFICATE)]
-    return Signer(Identity(*files), name, time.time())
-
-
 def changed(held: Held, **changes: Any) -> dict[str, Any]:
     """The newest order to run with changes, and its old signature."""
     newest = held.ran[-1]
     assert newest.order is not None
     what = newest.order.model_copy(update={"beat": newest.order.beat + 100_000, **changes})
     return {"signed": json_message.encode(what).decode(), "signature": newest.signature}
-
-
-def signed_by_thief(held: Held, text: str) -> str:
-    return signer(held.team, THIEF).sign(order.statement(mission().fingerprint, text))
-
-
-def of_another_mission(held: Held) -> dict[str, Any]:
-    """An order that the leader's key has signed for another mission."""
-    text = changed(held)["signed"]
-    return {"signed": text, "signature": signer(held.team, "leader").sign(order.statement("another", text))}
 
 
 def rogue_certificate(held: Held) -> dict[str, Any]:
@@ -92,27 +77,14 @@ def rogue_certificate(held: Held) -> dict[str, Any]:
     return {"certificate": text.replace("+", "-").replace("/", "_").rstrip("=")}
 
 
-WRONG = "order not signed by leader: wrong signature"
-AFTER_THREE = "order not signed by leader: after 3 wrong signatures"
 FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] = {
     "unsigned": (
         lambda held: {"order": json.loads(changed(held)["signed"])},
         ("order not signed by leader: it has no signature",),
     ),
-    "unsigned, of a later term": (
-        lambda held: {"order": json.loads(changed(held, term=time.time_ns() // 64 * 64)["signed"])},
-        ("order not signed by leader: it has no signature",),
-    ),
-    "term of no candidate": (
-        lambda held: changed(held, term=time.time_ns() // 64 * 64 + 7),
-        ("order not signed by leader: term",),
-    ),
-    "higher beat": (changed, (WRONG, AFTER_THREE)),
-    "stop": (lambda held: changed(held, mode="stop"), (WRONG, AFTER_THREE)),
-    "another mission": (of_another_mission, (WRONG, AFTER_THREE)),
-    "own certificate": (
-        lambda held: {"certificate": signer(held.team, THIEF).certificate},
-        ("order not signed by a candidate: 'robot1' is none", "order not signed by a candidate: after"),
+    "stop": (
+        lambda held: changed(held, mode="stop"),
+        ("order not signed by leader: wrong signature", "order not signed by leader: after 3 wrong"),
     ),
     "rogue certificate": (
         rogue_certificate,
@@ -164,18 +136,6 @@ def test_replayed_orders_change_nothing(held: Held) -> None:
     time.sleep(1.0)
     assert team.states(since=start) == {"hold"}
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
-
-
-def test_order_signed_by_follower_is_dropped(held: Held) -> None:
-    """The follower's certificate is not accepted for orders."""
-    text = changed(held)["signed"]
-    start = time.monotonic()
-    relayed(held, {"signed": text, "signature": signed_by_thief(held, text)})
-    until(
-        lambda: "no certificate has come yet" in held.team.dropped().get(KEY, (0, ""))[1],
-        what=f"the reason; {held.team.dropped()}",
-    )
-    assert held.team.states(since=start) == {"hold"}
 
 
 def test_leader_reports_forgeries(held: Held) -> None:
