@@ -18,6 +18,13 @@ from formation.slots.geofence import HORIZON_TIME, Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import swings_too_fast
 
+USUAL: tuple[tuple[str, float, str], ...] = (
+    ("control_point_offset", 1.0, "m"),
+    ("radius", 1.0, "m"),
+    ("max_speed", 5.0, "m/s"),
+    ("max_turn_rate", 20.0, "rad/s"),
+)
+"""Greatest usual value of a robot's keys: more may be of another unit, millimetres or degrees."""
 LEADER_SPEED_SHARE = 0.8
 """Share of a follower's top speed that the leader may use without a warning."""
 
@@ -35,6 +42,7 @@ def problems(mission: Mission) -> Iterator[str]:
 
 def warnings(mission: Mission) -> Iterator[str]:
     """Faults with which it will not work well."""
+    yield from _unusual(mission)
     yield from _little_reserve(mission)
     yield from _weaker_body(mission)
     yield from _waits_for_ever(mission)
@@ -105,6 +113,14 @@ def _slots_touch(mission: Mission) -> Iterator[str]:
                 f"shapes.{shape}: the slots of {first} and {second} are {distance:.3g} m apart; "
                 f"must be over {radii[i] + radii[j]:g} m (both radii)"
             )
+
+
+def _unusual(mission: Mission) -> Iterator[str]:
+    for key, limit, unit in USUAL:
+        over = [name for name in mission.followers if getattr(mission.robots[name], key) > limit]
+        if over:
+            value = max(getattr(mission.robots[name], key) for name in over)
+            yield f"{key} of {_list(over)} is {value:g} {unit}, usual is at most {limit:g} {unit}: check its unit"
 
 
 def _little_reserve(mission: Mission) -> Iterator[str]:

@@ -235,6 +235,7 @@ def test_problem_names_robots_keys_values_and_legal_values(mission: Mission, res
         (scenarios.near_limit(), "to catch up by a metre takes 50 s"),
         (scenarios.long_chain(10).under("paper"), "errors grow along the graph: robot11, 10 hops"),
         (changed(PAIR, simulated_robot={"max_speed": 0.2}), "max_speed of robot2, robot3 is above"),
+        (changed(PAIR, robot={"max_speed": 210.0}), "is 210 m/s, usual is at most 5 m/s: check its unit"),
         (changed(PAIR, robot={"rate": 5.0}, law={"gain": 4.0}), "delay margin"),
         (changed(load("six_robots"), simulation={"horizon": 2.0}), "does not settle within 2 s"),
         (
