@@ -120,7 +120,8 @@ def _unusual(mission: Mission) -> Iterator[str]:
         over = [name for name in mission.followers if getattr(mission.robots[name], key) > limit]
         if over:
             value = max(getattr(mission.robots[name], key) for name in over)
-            yield f"{key} of {_list(over)} is {value:g} {unit}, usual is at most {limit:g} {unit}: check its unit"
+            usual = f"usual is at most {limit:g} {unit}"
+            yield f"{key} of {_list(over)} is {value:g} {unit}, {usual}: check its unit"
 
 
 def _little_reserve(mission: Mission) -> Iterator[str]:
