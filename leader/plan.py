@@ -13,13 +13,13 @@ from typing import Literal
 from formation.leader.cohesion import Cohesion
 from formation.leader.driving import Driver
 from formation.leader.relays import Relays
-from formation.leader.route import DRIVEN, NamedRoute
+from formation.leader.route import NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
 from formation.mission.route import Straight
 from formation.protocol.attachment import MAX_SIGNED_BYTES
 from formation.protocol.json_message import encode
-from formation.protocol.order import Mode, Motion, Order, Slots, Tuned
+from formation.protocol.order import DRIVEN_ROUTE, Mode, Motion, Order, Slots, Tuned
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.request import OperatorRequest
 from formation.protocol.stops import MOTION, Rest, Result
@@ -217,7 +217,7 @@ class Plan:
     @property
     def driven(self) -> bool:
         """Whether it is driven by hand."""
-        return self.route.id == DRIVEN
+        return self.route.id == DRIVEN_ROUTE
 
     @property
     def driver_due(self) -> float:

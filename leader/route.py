@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.mission.model import Mission
 from formation.mission.route import Arc, Leg, Route
-from formation.protocol.order import MAX_MOTION_SECONDS, Motion, Number, Place, Steady
+from formation.protocol.order import DRIVEN_ROUTE, MAX_MOTION_SECONDS, Motion, Number, Place, Steady
 from formation.protocol.request import Legs
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
@@ -28,10 +28,6 @@ LOOKAHEAD_TIME = 1.0
 """How far ahead the leader's highest speed is computed [s]."""
 LOOKAHEAD_STEPS = 10
 """Number of steps in which the leader's highest speed is sampled."""
-
-
-DRIVEN = "driven"
-"""Id of the route of a leader that is driven by hand."""
 
 
 class _RouteMessage(BaseModel):
@@ -93,7 +89,7 @@ class NamedRoute(Route):
 
         `position` [m; world frame] and unit `heading` are its own; a negative speed is backwards.
         """
-        route = cls(DRIVEN, (), position, heading)
+        route = cls(DRIVEN_ROUTE, (), position, heading)
         route.total, route.begins = math.inf, (0.0,)
         route.arcs = (Arc(position, heading, forward, turn_rate, math.inf),)
         return route

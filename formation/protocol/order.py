@@ -24,6 +24,8 @@ LEADER_TIMEOUT_SECONDS = 1.0
 DRIVE_TIMEOUT_SECONDS = 0.3
 """Time for which a driver's velocity counts, from the reply of the leader that it answers [s]."""
 
+DRIVEN_ROUTE = "driven"
+"""Id of the route of a leader that is driven by hand."""
 MAX_MOTION_SECONDS = 1.0
 """Longest time by which the leader's velocity is told ahead, and extrapolated [s]."""
 

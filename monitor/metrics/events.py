@@ -23,6 +23,7 @@ from formation.monitor.metrics.snapshot import (
     Snapshot,
 )
 from formation.monitor.metrics.statuses import LEADS, SILENT
+from formation.protocol.order import DRIVEN_ROUTE
 from formation.wire import Now
 
 LOST_SILENCE = 1.0
@@ -49,6 +50,8 @@ CLEAR_TIME = 2.0
 START_TIME = 5.0
 """How long a robot that has not run yet may hold before that is an event [s]: links, odometry and neighbours
 come one after another."""
+ROUTE_ID_CHARS = 8
+"""Characters of an ordered route's id that are shown: enough to tell routes apart."""
 STANDBY = "standby"
 """State of a candidate that does not lead."""
 
@@ -286,7 +289,8 @@ def described(wish: Wish) -> str:
     if wish.scale != 1.0:
         parts.append(f"{wish.scale:.4g} times as large")
     if wish.route:
-        parts.append(f"on route {wish.route}")
+        driven = wish.route == DRIVEN_ROUTE
+        parts.append("driven by hand" if driven else f"on ordered route {wish.route[:ROUTE_ID_CHARS]}")
     return ", ".join(parts)
 
 

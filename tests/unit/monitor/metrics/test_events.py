@@ -423,8 +423,8 @@ def test_report_contains_durations_of_avoiding_and_blocking(tmp_path: Path) -> N
 
 def test_each_changed_part_of_the_order_is_an_event() -> None:
     wishes: list[dict[str, Any]] = [
-        {"shape": "wedge"}, {"rotation": math.pi / 4}, {"scale": 1.5}, {"route": "c4f2"}, {"mode": "hold"},
-        {"mode": "stop"},
+        {"shape": "wedge"}, {"rotation": math.pi / 4}, {"scale": 1.5}, {"route": "c4f2a1b2c3d4"},
+        {"mode": "hold"}, {"mode": "stop"},
     ]  # fmt: skip
 
     def wants(time: float) -> ChainMap[str, Any]:
@@ -435,7 +435,7 @@ def test_each_changed_part_of_the_order_is_an_event() -> None:
     large = f"{turned}, 1.5 times as large"
     assert [event.text.removeprefix("the leader orders ") for event in events] == [
         "run, shape hexagon", "run, shape wedge", f"run, {turned}", f"run, {large}",
-        *(f"{mode}, {large}, on route c4f2" for mode in ("run", "hold", "stop")),
+        *(f"{mode}, {large}, on ordered route c4f2a1b2" for mode in ("run", "hold", "stop")),
     ]  # fmt: skip
     assert [event.level for event in events] == [20] * 5 + [30, 30]
     assert {event.robot for event in events} == {""}
