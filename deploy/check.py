@@ -81,7 +81,8 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
 def _proven(found: Certificate) -> Iterator[str]:
     """Yield what is proven, as docs/theory/convergence.md has it."""
     if found.convergence == "every start":
-        yield "  proven           comes into formation from every start (theorem 1), without filter and ramp"
+        yield "  proven           comes into formation from every start (theorem 1), while the leader drives"
+        yield "                   straight and robots obey at once, without filter and ramp"
     elif found.convergence == "near formation":
         yield f"  proven           stable near formation; not from every start: {found.broken[0]}"
     if (worst := worst_curve(found)) is not None:

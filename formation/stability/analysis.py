@@ -176,11 +176,9 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
     k_p, k_i = mission.gains
     if mission.law.feeds_forward and cyclic_core(mission.graph):
         mu = mu[: len(mu) - len(cyclic_core(mission.graph))]  # the core is judged as it is fed forward
-        if not len(mu):
-            return []
-    radius = spectrum.sampled_radius(mu, k_p, k_i, 1.0 / rate)
+    radius = spectrum.sampled_radius(mu, k_p, k_i, 1.0 / rate) if len(mu) else 0.0
     if radius < 1.0:
-        return []
+        return _turning(mission)
     enough = (
         f"must be above {faster:.3g} Hz"
         for faster in rate * np.geomspace(1.01, 1e6, 2000)
@@ -189,6 +187,22 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
     most = max(map(len, mission.graph.neighbours))
     why = f"too low for law.{_gain(mission)} = {k_p:g} and up to {most} neighbours: commands overshoot"
     return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; {next(enough, 'no rate is enough: lower law.k_i')}"]
+
+
+def _turning(mission: Mission) -> list[str]:
+    """Whether they are short enough for the robots' turns, behind the leader at its top speed."""
+    worst, share = spectrum.worst_step(mission, mission.gains.k_p)
+    if share < spectrum.MAX_STEP_SHARE:
+        return []
+    spec, gain = mission.robots[worst], mission.gains.k_p
+    what = (
+        f"law.{_gain(mission)} = {gain:g} and control_point_offset = {spec.control_point_offset:g} m behind a"
+        f" leader at {mission.leader_speed:g} m/s"
+    )
+    enough = spec.rate * share / spectrum.MAX_STEP_SHARE
+    why = f"too low for {what}: it turns too far between two commands"
+    legal = f"must be above {enough:.3g} Hz, or the offset longer"
+    return [f"robots.{worst}.rate = {spec.rate:g} Hz: {why}; {legal}"]
 
 
 def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:

@@ -1,7 +1,8 @@
 """What is proven of a mission's closed loop, and the error that is left on curves.
 
-Theorem 1 of docs/theory/convergence.md: a formation comes together from every start if the assumptions of
-`broken_assumptions` hold. Where they do not, only the linear loop near formation is judged, by its poles.
+Theorem 1 of docs/theory/convergence.md: while the leader drives straight, a formation of ideal robots comes
+together from every start if the assumptions of `broken_assumptions` hold. Where they do not, only the linear
+loop near formation is judged, by its poles.
 
 On an arc the leader's velocity turns, and what neighbours' positions show of it is a little old.
 `curve_errors` solves the sampled loop for that. With ideal bodies, T the control period, φ = z⁻¹ the
@@ -25,13 +26,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.controller import Limits
+from formation.control.laws.field import REVERSE_LEVERS, REVERSE_TURNS
 from formation.control.plane import rotation
 from formation.control.tracker import learned
 from formation.control.trust import FULL_TRUST, mean, trust, weighted
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
-from formation.mission.route import Route
+from formation.mission.route import Circle, Route
+from formation.stability import spectrum
 
+MAX_PROVEN_STEP = 1.0
+"""`spectrum.step_share` up to which a loop that is sampled counts as one in continuous time [–]: no step
+overshoots, neither along the leader's direction nor across it."""
+CIRCLES_ONLY = "the leader must drive straight: its route has circles only"
 MAX_SUBSTITUTIONS, LEAST_CHANGE = 200, 1e-12
 """Number of substitutions on an arc, and the change of a place at which they end [–]."""
 LEAST_SPEED = 1e-12
@@ -42,7 +50,7 @@ class Certificate(NamedTuple):
     """What is proven of a mission."""
 
     convergence: str
-    """``every start``, ``near formation`` or ``none``."""
+    """``every start`` (while the leader drives straight), ``near formation`` or ``none``."""
     broken: tuple[str, ...]
     """The assumptions of Theorem 1 that do not hold."""
     curve_errors: dict[str, float]
@@ -72,17 +80,51 @@ def broken_assumptions(mission: Mission) -> Iterator[str]:
         yield f"every follower must have a path to the leader: {names} has none"
     if core := cyclic_core(graph):
         yield f"no cycle: {', '.join(mission.names[one] for one in core)} measure each other"
-    for name in mission.followers:
-        limits, speed = mission.robots[name].limits, mission.leader_speed
+    if all(isinstance(leg, Circle) for leg in mission.route):
+        yield CIRCLES_ONLY
+    yield from _too_weak(mission)
+    yield from _too_slow(mission)
+
+
+def _too_weak(mission: Mission) -> Iterator[str]:
+    """Robots for which the leader is too fast, and those too slow where they reverse."""
+    speed, gain = mission.leader_speed, mission.gains.k_p
+    bodies = {name: mission.robots[name].limits for name in mission.followers}
+    for name, limits in bodies.items():
         sideways = limits.offset * limits.max_turn_rate
         most = min(limits.max_speed, sideways)
         if speed >= most:
             which = "max_speed" if most == limits.max_speed else "L x max_turn_rate"
             yield f"the leader must be slower than {name}: {speed:g} m/s, {which} {most:g} m/s"
             break
+    for name, limits in bodies.items():
+        if (behind := least_reverse(limits)) * gain < limits.max_speed:
+            yield (
+                f"gain x the distance behind {name} from which it reverses must be at least its max_speed:"
+                f" {gain:g} 1/s x {behind:.3g} m, {limits.max_speed:g} m/s"
+            )
+            break
+
+
+def _too_slow(mission: Mission) -> Iterator[str]:
+    """Control periods that are too long for continuous time."""
+    gain = mission.gains.k_p
     period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
-    if mission.gains.k_p * period > 1.0:
-        yield f"gain x control period must be at most 1: {mission.gains.k_p:g} 1/s x {period:g} s"
+    worst = max(mission.followers, key=lambda name: spectrum.step_share(mission, name, gain))
+    if gain * period > 1.0:
+        yield f"gain x control period must be at most 1: {gain:g} 1/s x {period:g} s"
+    elif spectrum.step_share(mission, worst, gain) > MAX_PROVEN_STEP:
+        spec = mission.robots[worst]
+        yield (
+            f"(gain + leader's speed / L) x control period must be at most {MAX_PROVEN_STEP:g}: {worst} has"
+            f" ({gain:g} 1/s + {mission.leader_speed:g} m/s / {spec.control_point_offset:g} m)"
+            f" x {1.0 / spec.rate:g} s"
+        )
+
+
+def least_reverse(limits: Limits) -> float:
+    """Least distance behind a robot of a slot to which it reverses [m]."""
+    return max(REVERSE_LEVERS * limits.offset, REVERSE_TURNS * limits.max_speed / limits.max_turn_rate)
 
 
 def curve_errors(mission: Mission) -> dict[str, float]:

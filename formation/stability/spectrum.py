@@ -27,6 +27,8 @@ from formation.simulation.edges import Edges
 
 LEAST_STEP = 1e-12
 """Poles of a step with a smaller modulus are gone at once [–]."""
+MAX_STEP_SHARE = 2.0
+"""`step_share` from which on a robot swings across the leader's direction [–]."""
 
 
 def laplacian(graph: Graph, *, mean: bool = False) -> ComplexArray:
@@ -84,6 +86,29 @@ def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> Fl
     return radii
 
 
+def step_share(mission: Mission, robot: str, k_p: float) -> float:
+    """T (k + v/L) of a follower [–], by which it swings across the leader's direction, where it turns.
+
+    T is its period, v the leader's top speed, k its gain: `k_p` for each neighbour of a law that takes sums.
+    Exact outside of `cyclic_core` for laws without integral (Proposition 2 of docs/theory/convergence.md).
+    """
+    spec = mission.robots[robot]
+    gain = k_p * mission.law.controller.degree(len(spec.neighbours))
+    return (gain + mission.leader_speed / spec.control_point_offset) / spec.rate
+
+
+def worst_step(mission: Mission, k_p: float) -> tuple[str, float]:
+    """The follower with the greatest `step_share`, and that; 0 for laws with an integral."""
+    if mission.law.controller.integral:
+        return mission.followers[0], 0.0
+    core = {mission.names[one] for one in cyclic_core(mission.graph)}  # judged by `cyclic_poles`
+    if not mission.law.feeds_forward:
+        core = set()
+    shares = {name: step_share(mission, name, k_p) for name in mission.followers if name not in core}
+    worst = max(shares, key=lambda name: shares[name], default=mission.followers[0])
+    return worst, shares.get(worst, 0.0)
+
+
 def feed_forward_poles(
     graph: Graph,
     k_p: float,
@@ -119,7 +144,7 @@ def feed_forward_poles(
 
 
 def cyclic_poles(mission: Mission, k_p: float, k_i: float) -> ComplexArray:
-    """The same of a mission with these gains, at the greatest speed of its leader."""
+    """The same of a mission with these gains, at the greatest speed of its leader and the longest period."""
     return feed_forward_poles(
         mission.graph,
         k_p,

@@ -7,6 +7,7 @@ would not:
 |---|---|---|
 | Hurwitz | every μ that no velocity is fed forward to | `k_P² Re(μ)|μ|² > k_I Im(μ)²` |
 | sampled | the same, at the slowest follower's rate | `spectrum.sampled_radius` < 1 |
+| turning | the others, at their own rates, for laws without integral | `spectrum.step_share` < 2 |
 | fed forward | the cyclic core, if velocities are fed forward | `spectrum.cyclic_poles` left of 0 |
 
 The first is a half-plane in (ln k_P, ln k_I) for each μ, so gains on a straight line from one stable point
@@ -63,7 +64,7 @@ def refusal(mission: Mission, wanted: Tuned, requested: tuple[str, ...] = ("k_p"
     mu = spectrum.laplacian(mission.graph, mean=mission.law.controller.mean)
     if mission.law.feeds_forward:  # the cyclic core is judged as it is fed forward
         mu = mu[: len(mu) - len(cyclic_core(mission.graph))]
-    cheap: tuple[_Condition, ...] = (_hurwitz, _sampled)
+    cheap: tuple[_Condition, ...] = (_hurwitz, _sampled, _turning)
     looked_at = cheap if len(cyclic_core(mission.graph)) > MAX_CORE_SIZE else (*cheap, _fed_forward)
 
     def legal(gains: Tuned) -> bool:
@@ -95,6 +96,14 @@ def _sampled(mission: Mission, mu: ComplexArray, gains: Tuned) -> _Fault | None:
     worst = complex(mu[np.argmax(radii)])
     first = "k_i" if gains.k_i / rate >= gains.k_p else "k_p"
     return _Fault(f"overshoots at {slowest}'s {rate:g} Hz", f"eigenvalue {spelled(worst)}", first)
+
+
+def _turning(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | None:
+    name, share = spectrum.worst_step(mission, gains.k_p)
+    if share < spectrum.MAX_STEP_SHARE:
+        return None
+    what = f"period x (gain + leader's speed / L) = {share:.3g}"
+    return _Fault(f"turns too far at {name}'s {mission.robots[name].rate:g} Hz", what, "k_p")
 
 
 def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | None:

@@ -184,9 +184,12 @@ def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
 
 def test_check_prints_convergence_certificate_and_curve_errors() -> None:
     circle = Circle(radius=2.0, speed=0.2)
-    six, patrol = load("six_robots").changed(route=(circle,)), load("patrol")
+    straight = Straight(speed=0.2, heading_deg=0.0, duration=10.0)
+    six, patrol = load("six_robots").changed(route=(straight, circle)), load("patrol")
     found = analyse(six)
     assert "comes into formation from every start (theorem 1)" in words(six, found)
     assert 0.0 < found.as_json()["certificate"]["curve_errors"]["robot6"] < 0.005
     assert "off by" in words(six, found)
+    circling = six.changed(route=(circle,))
+    assert "not from every start: the leader must drive straight" in words(circling, analyse(circling))
     assert "not from every start: the leader must be slower than robot1" in words(patrol, analyse(patrol))

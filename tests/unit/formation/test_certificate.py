@@ -74,6 +74,9 @@ def test_missions_certified_for_every_start_converge(seed: int) -> None:
         (SIX.under("paper"), "the law must be `field`"),
         (drawn(1, leader_speed=0.9), "the leader must be slower than robot2: 0.9 m/s, L x max_turn_rate"),
         (drawn(1, gain=30.0), "gain x control period"),
+        (drawn(1, gain=19.0), "(gain + leader's speed / L) x control period must be at most 1: robot2"),
+        (drawn(1, gain=2.9), "gain x the distance behind robot2 from which it reverses"),
+        (drawn(1, route=CIRCLE), "the leader must drive straight"),
         (scenarios.ring(4), "measure each other"),
     ],
 )
@@ -102,6 +105,31 @@ def test_cycle_settles_only_at_certified_speed(speed: float, says: str) -> None:
     result = simulate(mission, runs=4, horizon=60.0, step=0.1, options=IDEAL, starts="random", spread=1e-3)
     assert (result.final_error < 1e-3).all() == (says == "near formation")
     assert (result.final_error > 1e-2).all() == (says == "none")
+
+
+@pytest.mark.parametrize(("speed", "says"), [(0.36, "near formation"), (0.39, "none")])
+def test_short_offset_settles_only_at_certified_speed(speed: float, says: str) -> None:
+    """Without a cycle: T (k + v/L) is 1.94 and 2.06. Between two commands the robot drives into its turn."""
+    robot = {"control_point_offset": 0.05, "max_speed": 2.0, "max_turn_rate": 2.0, "rate": 5.0}
+    route = {"speed": speed, "heading_deg": 30.0}
+    mission = scenarios.build(np.array([0.0, -0.8]), [[], [0]], route, law={"gain": 2.5}, robot=robot)
+    found = analyse(mission)
+    assert found.certificate.convergence == says
+    assert ("it turns too far between two commands" in " ".join(found.problems)) == (says == "none")
+    result = simulate(mission, runs=4, horizon=120.0, step=0.2, options=IDEAL, starts="random", spread=1e-3)
+    assert (result.final_error < 1e-6).all() == (says == "near formation")
+    assert (result.final_error > 5e-3).all() == (says == "none")
+
+
+def test_robots_with_few_commands_are_not_certified_for_every_start() -> None:
+    """T (k + v/L) of 1.7 is stable near formation, but one step may turn by 1.6 rad."""
+    robot = {"control_point_offset": 0.05, "max_speed": 2.0, "max_turn_rate": 7.8, "rate": 5.0}
+    route = {"speed": 0.3, "heading_deg": 30.0}
+    slots = np.array([0.0, -0.8, -1.6])
+    mission = scenarios.build(slots, [[], [0], [1]], route, law={"gain": 2.5}, robot=robot)
+    result = simulate(mission, runs=4, horizon=60.0, step=0.2, options=IDEAL, starts="random", spread=1e-3)
+    assert not result.converged.all()
+    assert "control period must be at most 1" in " ".join(analyse(mission).certificate.broken)
 
 
 @pytest.mark.parametrize(("speed", "stable"), [(0.05, False), (0.2, True), (1.0, True)])

@@ -220,7 +220,12 @@ TOO_SLOW = "overshoots at robot2's 20 Hz"
             r"k_i = 30: unstable, eigenvalue 0\.\d+\+0\.\d+i needs k_i < \d+\.?\d* at k_p = 2",
         ),
         (RING, {"k_p": 0.01}, r"k_p = 0\.01: unstable, eigenvalue \S+ needs k_p > [\d.]+ at k_i = 0\.1"),
-        (SIX, {"k_p": 60.0}, rf"k_p = 60: {TOO_SLOW}, eigenvalue 1 needs k_p < 39.9 at k_i = 0"),
+        (SIX, {"k_p": 60.0}, rf"k_p = 60: {TOO_SLOW}, eigenvalue 1 needs k_p < 38.9 at k_i = 0"),
+        (
+            SIX,
+            {"k_p": 39.5},
+            r"k_p = 39\.5: turns too far at robot2's 20 Hz, period x .* = 2\.02 needs k_p < 38\.9 at k_i = 0",
+        ),
         (PAPER, {"k_p": 60.0}, rf"k_p = 60: {TOO_SLOW}, eigenvalue 2 needs k_p < 20 at k_i = .*"),
         (PAPER, {"k_i": 50.0}, rf"k_i = 50: {TOO_SLOW}, eigenvalue \d needs k_i < [\d.]+ at k_p = 2"),
         (PAPER, {"k_p": 1e-3}, r"k_p = 0.001: overshoots .* needs k_p > .*"),
