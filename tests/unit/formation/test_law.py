@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, nominal
@@ -13,6 +13,7 @@ from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
 from formation.control.trust import GREATEST_WEIGHT, Trust, mean, trust, weighted
 from formation.control.unicycle import Command, body_velocity
+from formation.stability.certificate import least_reverse
 from tests.unit.formation import oracle
 from tests.unit.formation.planar import gains, headings, lengths, pair, vectors
 
@@ -93,14 +94,43 @@ def approach(away: complex, velocity: complex, heading: complex, gain: float, bo
     return ((moving - velocity) * away.conjugate()).real / abs(away)
 
 
+def slower(velocity: complex, body: Limits) -> complex:
+    """`velocity`, or less, so that a robot can move as fast to the side."""
+    most = 0.8 * min(body.max_speed, body.offset * body.max_turn_rate)
+    return velocity * min(1.0, most / abs(velocity)) if velocity else velocity
+
+
 @given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, headings, st.floats(0.5, 12.0), BODIES)
 def test_slot_slower_than_sideways_speed_comes_nearer(
     away: complex, velocity: complex, heading: complex, gain: float, body: Limits
 ) -> None:
-    """The Lemma behind Theorem 1 of docs/decisions/0057, for every heading."""
-    most = 0.8 * min(body.max_speed, body.offset * body.max_turn_rate)
-    velocity *= min(1.0, most / abs(velocity)) if velocity else 1.0
-    assert approach(away, velocity, heading, gain, body) > 0.0
+    """Lemma 1 of docs/theory/convergence.md, for every heading; with the ramp's limits at least nearer."""
+    velocity = slower(velocity, body)
+    assert approach(away, velocity, heading, gain, body._replace(reverses=False)) > 0.0
+    spare = min(body.max_speed, body.offset * body.max_turn_rate) - abs(velocity)
+    ideal = body._replace(acceleration=math.inf, reverses=False)
+    least = 0.5 * min(gain * abs(away), spare)
+    assert approach(away, velocity, heading, gain, ideal) >= least * (1.0 - 1e-9)
+
+
+@given(vectors, velocities, st.floats(1.0, 12.0), BODIES)
+@example(-0.1000001 - 0.2137j, 0j, 5.0, Limits(0.04, 1.5, 7.5))
+def test_slot_far_behind_comes_nearer_in_reverse(
+    away: complex, velocity: complex, gain: float, body: Limits
+) -> None:
+    """The reverse rule of that page: the gain is high enough to want what is left of the top speed."""
+    body = body._replace(acceleration=math.inf)
+    velocity, behind = slower(velocity, body), least_reverse(body)
+    gain = max(gain, body.max_speed / behind)
+    away = complex(-behind - abs(away.real), away.imag)
+    assert approach(away, velocity, 1.0 + 0j, gain, body) > 0.0
+
+
+def test_slot_far_behind_may_recede_in_reverse_at_low_gain() -> None:
+    body, away, velocity = Limits(0.13, 1.16, 2.0), -0.34 + 0.39j, 0.05 + 0.2j
+    assert least_reverse(body) * 0.73 < body.max_speed
+    assert approach(away, velocity, 1.0 + 0j, 0.73, body) < -0.1
+    assert approach(away, velocity, 1.0 + 0j, body.max_speed / least_reverse(body), body) > 0.0
 
 
 @given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, st.floats(0.5, 12.0), BODIES)
