@@ -13,9 +13,9 @@ delay by a period, and s the share of a low pass:
 | z = e^{iωT} | one step on an arc of turn rate ω |
 | V = s (1 - φ)/T / (1 - (1 - s) φ) | velocity estimate of a neighbour |
 | B = (z - 1)/(iω) | way in one step at a velocity of 1 that turns with the robot |
-| c | share of the neighbours' mean velocity that is kept: it is cut to the leader's top speed |
+| f | share of the neighbours' mean velocity that is kept: it is cut to the leader's top speed |
 | d | weighted mean of the neighbours' positions, less that with weights which are equal in all directions |
-| G = B (k + c V)/(z - 1 + k B) | from the weighted mean of the neighbours to a robot, without d |
+| G = B (k + f V)/(z - 1 + k B) | from the weighted mean of the neighbours to a robot, without d |
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def _counts(
     *,
     ordered: bool,
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """What each robot counts for each follower, (n-1, n); the share c of each, and d, (n-1,).
+    """What each robot counts for each follower, (n-1, n); the share f of each, and d, (n-1,).
 
     Robots are at `places` [–] on circles about the same centre and move at `velocities` [m/s]; `ordered`:
     all as orders say, and no velocity of a neighbour counts.

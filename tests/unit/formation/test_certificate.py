@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from pydantic import ValidationError
 
 from formation.control.controller import Gains, Limits, Measured
 from formation.control.laws.paper import CONTROLLER as PAPER
-from formation.control.unicycle import advance
+from formation.control.unicycle import advance, body_velocity
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import Options
@@ -145,6 +146,38 @@ def test_paper_law_by_centres_is_stable_only_above_minimum_speed(speed: float, *
         leader += speed * dt
         aside.append(abs((leader - here).imag))
     assert (max(aside[-1000:]) < 1e-6) is stable
+
+
+def paper_command(away: complex, integral: complex, limits: Limits) -> complex:
+    """What the law `paper` commands towards a slot `away` for a robot that faces along x [m/s]."""
+    command, _ = PAPER.step(integral, 1 + 0j, Measured(away, 0j, 1), Gains(2.0, 1.0), limits, 0.01)
+    return body_velocity(*command, limits.offset)
+
+
+def test_printed_bound_of_lemma_1_lacks_first_position() -> None:
+    limits, first, seconds = Limits(0.2, 1.5, 1.5), 3.0, 2.0
+    point = first + seconds * paper_command(1e3 + 0j, 0j, limits).real
+    printed = seconds * math.hypot(limits.max_speed, limits.offset * limits.max_turn_rate)
+    assert printed < point <= first + printed
+
+
+def test_printed_equation_11_lets_saturation_slow_the_slot() -> None:
+    away, integral, leader, limits = 10.0, 0.1, 0.2, Limits(0.2, 1.5, 1.5)
+    moved = paper_command(complex(away), complex(integral), limits).real - leader
+    gain = 1.5 / (2.0 * away + integral)  # s_u of Eq. (8)
+    printed = gain * (2.0 * away + integral - leader)
+    mended = gain * (2.0 * away + integral - leader / gain)
+    assert moved == pytest.approx(mended)
+    assert printed - moved == pytest.approx((1.0 - gain) * leader)
+
+
+def test_paper_law_falls_behind_leader_above_top_speed() -> None:
+    limits, away, integral = Limits(0.2, 1.5, 1.5), 0.0, 0.0
+    for _ in range(1000):
+        moved = paper_command(complex(away), complex(integral), limits).real
+        integral += 0.01 * away
+        away += 0.01 * (1.6 - moved)
+    assert away > 0.99 * 0.1 * 10.0
 
 
 def test_leader_at_top_speed_is_refused() -> None:
