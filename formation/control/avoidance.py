@@ -7,7 +7,8 @@ Not in the paper. Three layers, combined in `avoid`; each passes on unchanged a 
    without right of way gets out of the way; one that has it only keeps its distance. The command is the
    nearest to the wanted one within all half-planes and limits.
 2. The brake. In the time that a command may last a robot uses at most half of the room between two bodies,
-   and the other robot at most the other half. So they never touch.
+   and the other robot at most the other half. So they never touch, if both get commands at the same moments;
+   with a rhythm of their own, and wheels that lag, under the conditions that the decision names.
 3. Deadlocks. A robot that wants to move and does not for a while is blocked: by a standing obstacle such as
    a post, or because two robots wait for each other. In the first case it goes round the obstacle, to one
    side and, if that does not help, to the other. In the second case it turns its wanted velocity to the right

@@ -34,7 +34,7 @@ REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
 """A robot reverses to a slot further behind it than so many control-point offsets, and so many radii of its
 tightest turn at top speed [–]."""
 REVERSE_SHARE = 1.0
-"""Share of the directions behind for which reversing is proved to bring it nearer [–]."""
+"""Share of the directions behind for which reversing is proved to bring it nearer at high gains [–]."""
 
 
 def field(
@@ -121,8 +121,9 @@ def stoppable_turn(angle: float, limits: Limits) -> float:
 def better_backwards(away: complex, speed: float, limits: Limits) -> bool:
     """Whether the robot had better reverse to its slot than turn round; `speed` is |c| [m/s].
 
-    Then it turns the other way, because its back is to point there. With |y| <= m |x| the distance still
-    falls if m √(1 + m²) (L ω_max + |c|) < u_max - |c|.
+    Then it turns the other way, because its back is to point there. With |y| < m |x| the distance still
+    falls if m √(1 + m²) (L ω_max + |c|) = u_max - |c| and s is at least u_max - |c| (Lemma 2 of
+    docs/theory/convergence.md): at low gains it may not.
     """
     sideways = limits.offset * limits.max_turn_rate
     if not limits.reverses or speed >= min(sideways, limits.max_speed):

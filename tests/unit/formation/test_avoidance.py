@@ -109,6 +109,51 @@ def test_robots_that_lag_never_touch_head_on(lag: float, share: float, dt: float
         mean = 0.5 * (before - apart) / dt
 
 
+@given(seeds, st.floats(0.02, 0.3))
+def test_robots_that_lag_never_touch_with_any_wanted_speeds(seed: int, lag: float) -> None:
+    """Commands at the same moments, each replaced within two thirds of the time that it may last."""
+    draw, parameters = Random(seed), PARAMETERS._replace(lag=lag)
+    apart, wheels, before = 0.22 + draw.uniform(0.0, 0.3), [AT_REST, AT_REST], [AT_REST, AT_REST]
+    for _ in range(60):
+        obstacle = Obstacle(apart + 0j, 0.1, 0j, first=True)
+        for i in (0, 1):
+            ends = sorted((wheels[i].speed, before[i].speed))
+            wanted = Command(draw.choice((-1.5, 0.0, 0.3, 1.5, 1.5)), 0.0)
+            before[i] = brake(wanted, [obstacle], parameters, Moving(*ends))
+        step = draw.uniform(0.01, PARAMETERS.hold * 2.0 / 3.0) / 8
+        for _ in range(8):
+            for i in (0, 1):
+                gone, wheels[i] = driven(wheels[i], before[i], lag, step)
+                apart -= gone.speed * step
+            assert apart > 0.22 - 1e-9
+
+
+@examples(100)
+@given(seeds, st.sampled_from((0.0, 0.1)))
+def test_robots_with_own_rhythm_never_touch(seed: int, lag: float) -> None:
+    """Each replaces its commands in its own period, a third of the time that they may last."""
+    draw, parameters, period = Random(seed), PARAMETERS._replace(lag=lag), PARAMETERS.hold / 3.0
+    at = [0j, 0.22 + draw.uniform(0.0, 0.1) + 0j]
+    heading = [rotation(draw.uniform(-math.pi, math.pi)) for _ in at]
+    wheels, commands, next_at = [AT_REST, AT_REST], [AT_REST, AT_REST], [0.0, draw.uniform(0.0, period)]
+    wanted = [AT_REST, AT_REST]
+    for step in range(400):
+        for i in (0, 1):
+            if step * period / 8 < next_at[i]:
+                continue
+            next_at[i] += period
+            if draw.random() < 0.3:
+                wanted[i] = Command(draw.choice((-1.5, 1.5)), draw.uniform(-1.5, 1.5))
+            there = heading[i].conjugate() * (at[1 - i] - at[i])
+            ends = sorted((wheels[i].speed, commands[i].speed))
+            obstacle = Obstacle(there, 0.1, 0j, first=True)
+            commands[i] = brake(wanted[i], [obstacle], parameters, Moving(*ends))
+        for i in (0, 1):
+            gone, wheels[i] = driven(wheels[i], commands[i], lag, period / 8)
+            at[i], heading[i] = advance(at[i], heading[i], gone.speed, gone.turn_rate, period / 8)
+        assert abs(at[1] - at[0]) > 0.22 - 1e-9
+
+
 @given(commands, obstacles, st.floats(0.0, 1.0))
 def test_commands_stay_within_limits(wanted: Command, around: list[Obstacle], detour: float) -> None:
     done, _ = avoid(wanted, around, PARAMETERS, BODY, 0j, Avoidance(0.0, detour), 0.05)
