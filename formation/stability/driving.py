@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from formation.control.plane import clip
 from formation.mission.model import Mission
+from formation.stability import spectrum
 from formation.stability.intent import SLOT_SPEED_SHARE
 
 SPEED_SHARE = 0.8
@@ -48,7 +49,7 @@ def limits(mission: Mission, slots: Iterable[complex]) -> Limits:
     slowest = min(robot.max_speed for robot in robots)
     turn_rate = min(robot.max_turn_rate for robot in robots)
     return Limits(
-        speed=SPEED_SHARE * slowest,
+        speed=SPEED_SHARE * min(slowest, spectrum.greatest_leader_speed(mission, mission.gains.k_p)[1]),
         turn_rate=SPEED_SHARE * turn_rate,
         radius=RADIUS_SHARE * max(robot.control_point_offset for robot in robots),
         swing=max((abs(slot) for slot in slots), default=0.0) if mission.turning else 0.0,

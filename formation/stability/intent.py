@@ -23,7 +23,7 @@ from formation.protocol.order import Tuned
 from formation.protocol.request import MAX_REQUEST_BYTES, TAKES, Do, OperatorRequest
 from formation.slots.geofence import Geofence
 from formation.slots.shape import PlacedShape
-from formation.stability import tuning
+from formation.stability import spectrum, tuning
 
 TRANSITION_SAMPLES = 33
 """Number of samples of a straight transition from one shape to another."""
@@ -192,9 +192,13 @@ def _route(mission: Mission, legs: Sequence[Leg]) -> str | None:
 def _too_fast(mission: Mission, speed: float, what: str) -> str | None:
     slowest = min(mission.followers, key=lambda name: mission.robots[name].max_speed)
     limit = mission.robots[slowest].max_speed
-    if speed < limit:
+    if speed >= limit:
+        return f"{what} = {speed:g} m/s: must be below {slowest}'s max_speed of {limit:g} m/s"
+    first, most = spectrum.greatest_leader_speed(mission, mission.gains.k_p)
+    if speed < most:
         return None
-    return f"{what} = {speed:g} m/s: must be below {slowest}'s max_speed of {limit:g} m/s"
+    why = f"beyond that {first} turns too far between two commands, at {mission.robots[first].rate:g} Hz"
+    return f"{what} = {speed:g} m/s: must be below {most:.3g} m/s; {why}"
 
 
 def _too_tight(mission: Mission, circle: Circle, where: str) -> str | None:

@@ -13,6 +13,7 @@ L_ff for real; on a directed graph they need not be, and then its conclusion fai
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from graphlib import TopologicalSorter
 
@@ -93,20 +94,40 @@ def step_share(mission: Mission, robot: str, k_p: float) -> float:
     Exact outside of `cyclic_core` for laws without integral (Proposition 2 of docs/theory/convergence.md).
     """
     spec = mission.robots[robot]
-    gain = k_p * mission.law.controller.degree(len(spec.neighbours))
-    return (gain + mission.leader_speed / spec.control_point_offset) / spec.rate
+    return (_gain(mission, robot, k_p) + mission.leader_speed / spec.control_point_offset) / spec.rate
 
 
 def worst_step(mission: Mission, k_p: float) -> tuple[str, float]:
     """The follower with the greatest `step_share`, and that; 0 for laws with an integral."""
-    if mission.law.controller.integral:
-        return mission.followers[0], 0.0
-    core = {mission.names[one] for one in cyclic_core(mission.graph)}  # judged by `cyclic_poles`
-    if not mission.law.feeds_forward:
-        core = set()
-    shares = {name: step_share(mission, name, k_p) for name in mission.followers if name not in core}
+    shares = {name: step_share(mission, name, k_p) for name in _turning(mission)}
     worst = max(shares, key=lambda name: shares[name], default=mission.followers[0])
     return worst, shares.get(worst, 0.0)
+
+
+def greatest_leader_speed(mission: Mission, k_p: float) -> tuple[str, float]:
+    """The speed of the leader at which a first follower has `MAX_STEP_SHARE` [m/s], and that follower.
+
+    Infinite for laws with an integral.
+    """
+    speeds = {}
+    for name in _turning(mission):
+        spec = mission.robots[name]
+        reserve = MAX_STEP_SHARE * spec.rate - _gain(mission, name, k_p)
+        speeds[name] = max(0.0, reserve * spec.control_point_offset)
+    first = min(speeds, key=lambda name: speeds[name], default=mission.followers[0])
+    return first, speeds.get(first, math.inf)
+
+
+def _gain(mission: Mission, robot: str, k_p: float) -> float:
+    return k_p * mission.law.controller.degree(len(mission.robots[robot].neighbours))
+
+
+def _turning(mission: Mission) -> list[str]:
+    """The followers of which `step_share` decides: the core of cycles is judged by `cyclic_poles`."""
+    if mission.law.controller.integral:
+        return []
+    core = cyclic_core(mission.graph) if mission.law.feeds_forward else ()
+    return [name for name in mission.followers if mission.names.index(name) not in core]
 
 
 def feed_forward_poles(

@@ -21,6 +21,7 @@ from formation.protocol.order import Tuned
 from formation.protocol.request import MAX_REASON_CHARS, MAX_REQUEST_BYTES, PARTS, Do, OperatorRequest
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
+from formation.stability.driving import first_limits
 from formation.stability.feasibility import problems
 from formation.stability.intent import refusal, request_for, straight, wish
 from tests.campaigns.safety.gains import MARGIN, drawn, held, stable, unstable
@@ -49,6 +50,18 @@ def gap(mission: Mission, placed_shape: PlacedShape) -> float:
         - mission.robots[other].radius
         for one, other in combinations(mission.followers, 2)
     )
+
+
+def test_speed_at_which_robots_turn_too_far_between_commands_is_refused() -> None:
+    robot = {"control_point_offset": 0.05, "max_speed": 2.0, "max_turn_rate": 2.0, "rate": 5.0}
+    mission = scenarios.build(np.array([0.0, -0.8]), [[], [0]], law={"gain": 2.5}, robot=robot)
+    assert refusal(mission, requested(do="speed", speed=0.37, degrees=0.0)) is None
+    why = refusal(mission, requested(do="speed", speed=0.38, degrees=0.0))
+    assert why is not None
+    assert "must be below 0.375 m/s; beyond that robot2 turns too far between two commands, at 5 Hz" in why
+    assert first_limits(mission).speed < 0.375
+    paper = Mission.model_validate({**mission.model_dump(), "law": {"kind": "paper"}})
+    assert refusal(paper, requested(do="speed", speed=0.38, degrees=0.0)) is None
 
 
 @pytest.mark.parametrize(
