@@ -198,7 +198,7 @@ class Plan:
             return
         if self.driven:
             slots = [self.wanted.slot(self._mission, name) for name in self._mission.followers]
-            self._drive_from_here(self.driver.advance(limits(self._mission, slots), dt, mono))
+            self._drive_from_here(self.driver.advance(limits(self._mission, slots, self.gains.k_p), dt, mono))
             self._driven_time += dt
         before, placed_shape = self.route_time, self.shape_transition.placed_shape
         pace = self.cohesion.step(
@@ -359,7 +359,7 @@ class Plan:
         return Result(*self._change_shape(request))
 
     def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
-        why = intent.refusal(self._mission, request, self.wanted)
+        why = intent.refusal(self._mission, request, self.wanted, gains=self.gains)
         if why is not None:
             return False, why
         start, heading = self.where(), self.route.heading(self.route_time)
@@ -397,7 +397,7 @@ class Plan:
 
     def _tune(self, request: OperatorRequest) -> tuple[bool, str]:
         wanted = intent.tuned(request, self.gains)
-        why = intent.refusal(self._mission, request, gains=wanted)
+        why = intent.refusal(self._mission, request, gains=wanted) or self._turns_too_far(wanted)
         if why is not None:
             return False, why
         law, gains = self._mission.law, self._mission.gains
@@ -406,6 +406,17 @@ class Plan:
         mu = spectrum.laplacian(self._mission.graph, mean=law.controller.mean)
         margin = spectrum.delay_margin(mu, wanted.k_p, k_i)
         return True, f"{wanted.words}; bears a delay of {margin * 1e3:.0f} ms"
+
+    def _turns_too_far(self, gains: Tuned) -> str | None:
+        """Why these gains are too high for the speed of the present route; None if they are not."""
+        first, most = spectrum.greatest_leader_speed(self._mission, gains.k_p)
+        speed = max((leg.speed for leg in self.route.legs), default=0.0)
+        if speed < most:
+            return None
+        why = (
+            f"with them {first} turns too far between two commands behind a leader at {most:.3g} m/s or more"
+        )
+        return f"{gains.words}: {why}; the route is at {speed:g} m/s, order a lower speed first"
 
     def _change_shape(self, request: OperatorRequest) -> tuple[bool, str]:
         before = self.shape_transition.wish

@@ -43,13 +43,13 @@ class Limits(NamedTuple):
     """The slowest follower's limit [m/s]."""
 
 
-def limits(mission: Mission, slots: Iterable[complex]) -> Limits:
-    """Return the limits for followers in `slots` relative to the leader [m]."""
+def limits(mission: Mission, slots: Iterable[complex], k_p: float) -> Limits:
+    """Return the limits for followers in `slots` relative to the leader [m], with the gain `k_p`."""
     robots = [mission.robots[name] for name in mission.followers]
     slowest = min(robot.max_speed for robot in robots)
     turn_rate = min(robot.max_turn_rate for robot in robots)
     return Limits(
-        speed=SPEED_SHARE * min(slowest, spectrum.greatest_leader_speed(mission, mission.gains.k_p)[1]),
+        speed=SPEED_SHARE * min(slowest, spectrum.greatest_leader_speed(mission, k_p)[1]),
         turn_rate=SPEED_SHARE * turn_rate,
         radius=RADIUS_SHARE * max(robot.control_point_offset for robot in robots),
         swing=max((abs(slot) for slot in slots), default=0.0) if mission.turning else 0.0,
@@ -59,7 +59,7 @@ def limits(mission: Mission, slots: Iterable[complex]) -> Limits:
 
 def first_limits(mission: Mission) -> Limits:
     """Return the limits in the mission's first shape, as it is drawn."""
-    return limits(mission, [mission.slot(name) for name in mission.followers])
+    return limits(mission, [mission.slot(name) for name in mission.followers], mission.gains.k_p)
 
 
 def followable(wanted: Velocity, within: Limits) -> Velocity:

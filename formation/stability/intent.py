@@ -81,7 +81,8 @@ def refusal(
     `placed_shape` is the wanted one, its rotation as an order has it (with ``turning`` from
     the leader's heading); None if unknown, and then only what no shape makes possible is refused. `way`
     is the transition from the present shape; by default a straight one from `placed_shape`. `legs` is the
-    leader's route, by default the mission's. `gains` are those that `tuned` gives; None if unknown.
+    leader's route, by default the mission's. `gains` are those that `tuned` gives, or for a speed or a route
+    those in force; None if unknown.
     `place` is the leader's position [m; world frame]; None if unknown, and then the bounds are not
     checked.
     """
@@ -90,9 +91,9 @@ def refusal(
     if request.do == "tune":
         return _untunable(mission, request, gains)
     if request.speed is not None:
-        return _too_fast(mission, request.speed, "speed")
+        return _too_fast(mission, request.speed, "speed", gains)
     if request.legs is not None:
-        why = _route(mission, request.legs)
+        why = _route(mission, request.legs, gains)
         return why if why or placed_shape is None else swings_too_fast(mission, placed_shape, request.legs)
     wanted = None if placed_shape is None else wish(request, placed_shape)
     if placed_shape is None or wanted is None:
@@ -176,12 +177,12 @@ def _untunable(mission: Mission, request: OperatorRequest, gains: Tuned | None) 
     return None if gains is None else tuning.refusal(mission, gains, requested)
 
 
-def _route(mission: Mission, legs: Sequence[Leg]) -> str | None:
+def _route(mission: Mission, legs: Sequence[Leg], gains: Tuned | None) -> str | None:
     for number, leg in enumerate(legs):
         where = f"route.{number}"
         if isinstance(leg, (Straight, Circle)) and leg.duration is None and number < len(legs) - 1:
             return f"{where}.duration: only the last leg may go without a duration [s]"
-        why = _too_fast(mission, leg.speed, f"{where}.speed")
+        why = _too_fast(mission, leg.speed, f"{where}.speed", gains)
         if why is None and isinstance(leg, Circle):
             why = _too_tight(mission, leg, where)
         if why is not None:
@@ -189,12 +190,12 @@ def _route(mission: Mission, legs: Sequence[Leg]) -> str | None:
     return None
 
 
-def _too_fast(mission: Mission, speed: float, what: str) -> str | None:
+def _too_fast(mission: Mission, speed: float, what: str, gains: Tuned | None) -> str | None:
     slowest = min(mission.followers, key=lambda name: mission.robots[name].max_speed)
     limit = mission.robots[slowest].max_speed
     if speed >= limit:
         return f"{what} = {speed:g} m/s: must be below {slowest}'s max_speed of {limit:g} m/s"
-    first, most = spectrum.greatest_leader_speed(mission, mission.gains.k_p)
+    first, most = spectrum.greatest_leader_speed(mission, (gains or mission.gains).k_p)
     if speed < most:
         return None
     why = f"beyond that {first} turns too far between two commands, at {mission.robots[first].rate:g} Hz"

@@ -6,6 +6,7 @@ import json
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pytest
 
 from formation.leader.core import Leader
@@ -55,6 +56,21 @@ def test_gains_are_sent_immediately_and_in_every_order() -> None:
     assert {one.order.tuned for one in drive(leader, 0.6, 1.0)} == {TUNED}
     result = status(SIX.leader, leader.step(at(2.6), []))
     assert (result.k_p, result.k_i) == (3.0, 0.5)
+
+
+def test_gains_and_speed_are_judged_together() -> None:
+    """Robots at 5 Hz with a control point 5 cm ahead: T (k + v/L) must be below 2."""
+    robot = {"control_point_offset": 0.05, "max_speed": 2.0, "max_turn_rate": 2.0, "rate": 5.0}
+    route = {"speed": 0.1, "heading_deg": 0.0}
+    leader = leading(scenarios.build(np.array([0.0, -0.8]), [[], [0]], route, law={"gain": 2.5}, robot=robot))
+    assert ask(leader, b'{"do":"speed","speed":0.3,"degrees":0.0}').ok
+    ok, why = tune(leader, k_p=5.0)
+    assert not ok
+    assert why.startswith("k_p = 5, k_i = ")
+    assert "robot2 turns too far between two commands behind a leader at 0.25 m/s or more" in why
+    assert ask(leader, b'{"do":"speed","speed":0.1,"degrees":0.0}').ok
+    assert tune(leader, k_p=5.0)[0]
+    assert not ask(leader, b'{"do":"speed","speed":0.3,"degrees":0.0}').ok
 
 
 def test_delay_margin_ignores_k_i_under_proportional_law() -> None:
