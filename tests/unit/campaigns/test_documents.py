@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import matplotlib.font_manager  # noqa: F401 - its first import runs fc-list, which a unit test may not
 import pytest
 
 from tests.campaigns.bench.__main__ import document
