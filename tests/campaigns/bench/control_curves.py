@@ -115,7 +115,7 @@ def over_saturation(found: Mapping[str, Any], settling: Axes, rate: Axes, share:
     _label(settling, (1.5, 1.75, "lower bound", INK))
     _label(rate, (1.1, 1.35, "field law", BLUE), (2.6, 0.3, "paper's law", RED))
     _label(share, (2.0, 86.0, "paper's law", RED), (2.0, 93.0, "field law", BLUE))
-    _label(share, (1.5, 40.0, "field law, with\ncollision filter", SKY))
+    _label(share, (2.0, 73.0, "field law, with\ncollision filter", SKY))
 
 
 def over_conditions(found: Mapping[str, Any], kinds: Sequence[Axes]) -> None:

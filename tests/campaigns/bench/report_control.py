@@ -184,8 +184,8 @@ def saturation(found: Found) -> str:
 The question that the paper leaves open: the same robots and starts behind faster and faster leaders. The
 bound is the one by body. *Rate* is the median of ln(first error ÷ 5 cm) ÷ settling time. Times and rates are
 of the starts that settle within what is said. *With filter* is the field law as shipped, for as long: the
-faster robots drive, the more room the filter keeps ahead of each. In slots 1 m apart there is not enough
-behind the fastest of these leaders: robots stay behind their slots, and `formation check` warns of it.
+faster robots drive, the more room the filter keeps ahead of each. A start settles if the error is
+under the bound in the last 10 s of the run.
 
 {markdown(header, rows)}"""
 
