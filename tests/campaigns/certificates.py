@@ -88,7 +88,7 @@ def drawn(seed: int, *, short: bool) -> Mission:
     route: dict[str, Any] = {"speed": speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
     if seed % 2 and not cyclic:
         route = {"speed": speed, "radius": float(rng.uniform(1.0, 5.0))}
-    rate = float(rng.choice([10.0, 20.0, 50.0]))
+    rate = float(rng.choice([5.0, 10.0, 20.0, 50.0]))
     law: dict[str, Any] = {"leader_orders": "none"}
     if seed % 5 == 0:
         law["gain"] = float(np.exp(rng.uniform(np.log(0.5), np.log(MAX_GAIN_SHARE * rate))))
@@ -113,13 +113,24 @@ def tried(seed: int, *, short: bool) -> Outcome:
         result = run(horizon=PATIENCE * horizon)
     holds = bool(result.converged.all())
     if found.convergence == "none":  # limits may keep the swing below the mission's bound
-        growth = float(spectrum.cyclic_poles(mission, *mission.gains).real.max()) if cyclic else math.inf
+        growth = spectrum.cyclic_poles(mission, *mission.gains).real.max() if cyclic else turning(mission)
         holds = growth < LEAST_GROWTH or bool((result.final_error > TINY).all())
     ratio = curve_ratio(mission, found.curve_errors) if far else math.nan
     if not math.isnan(ratio) and ratio < 1.0 / MAX_CURVE_RATIO:
         holds = False
     what = f"{found.convergence}, {int(result.converged.sum())} of {len(result.converged)} starts settle"
     return Outcome(seed, found.convergence, cyclic, holds, ratio, what)
+
+
+def turning(mission: Mission) -> float:
+    """Growth of the fastest swing across the leader's direction [1/s], by Proposition 2; without a cycle."""
+    rates = []
+    for name in mission.followers:
+        spec = mission.robots[name]
+        a, b = mission.gains.k_p / spec.rate, mission.leader_speed / (spec.control_point_offset * spec.rate)
+        poles = np.roots((1.0, a + b + 0.5 * a * b - 2.0, 1.0 - a - b + 0.5 * a * b))
+        rates.append(spec.rate * math.log(np.abs(poles).max()))
+    return max(rates)
 
 
 def step_of(mission: Mission) -> float:
