@@ -272,7 +272,7 @@ def could_meet(mission: Mission) -> Iterator[str]:
         return
     first, second = pairs[0]
     yield (
-        f"{first} and {second}{_others(pairs)} could meet on their ways, and do not both avoid each other: "
+        f"{first} and {second}{_others(pairs)} could meet on their paths, and do not both avoid each other: "
         'name them in each other\'s `avoid`, or say avoid = "all" under [robot]'
     )
 
