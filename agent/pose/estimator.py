@@ -291,20 +291,31 @@ class Localisation:
 
     def _take_map_pose(self, sample: Sample, _now: Now) -> None:
         """Place odometry by a localiser's pose. Raises BadMessage."""
-        pose, last = decode(MapPose, sample.payload), self._source.state.last
-        frame = pose.frame.removeprefix("/")
-        if isinstance(last, Odometry) and frame == last.frame.removeprefix("/") != WORLD_FRAME:
-            raise BadMessage(f"pose in the frame of odometry, {frame}: must be in the map's")
-        if self.map_frame is not None:
-            self._relocalised(self.map_frame.take_pose(pose))
+        frame, last = self.map_frame, self._source.state.last
+        if frame is None:
+            return
+        try:
+            pose = decode(MapPose, sample.payload)
+            named = pose.frame.removeprefix("/")
+            if isinstance(last, Odometry) and named == last.frame.removeprefix("/") != WORLD_FRAME:
+                raise BadMessage(f"pose in the frame of odometry, {named}: must be in the map's")
+            jump = frame.take_pose(pose)
+        except BadMessage as bad:
+            frame.refuse(bad)
+            raise
+        self._relocalised(jump)
 
     def _take_transforms(self, sample: Sample, _now: Now) -> None:
         """Place odometry by a localiser's transform from the map, if there is one among these."""
-        transforms = decode(Transforms, sample.payload)
-        if self.map_frame is not None and isinstance(self._source, OdometrySource):
-            last = self._source.state.last
-            if last is not None:
-                self._relocalised(self.map_frame.take_transforms(transforms, WORLD_FRAME, last.frame))
+        frame, last = self.map_frame, self._source.state.last
+        if frame is None or not isinstance(last, Odometry):
+            return
+        try:
+            jump = frame.take_transforms(decode(Transforms, sample.payload), WORLD_FRAME, last.frame)
+        except BadMessage as bad:
+            frame.refuse(bad)
+            raise
+        self._relocalised(jump)
 
     def trust(self) -> None:
         """Believe localiser (`MapFrame.trust`) and measured heading again: an order holds the robot."""

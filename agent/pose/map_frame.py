@@ -8,6 +8,8 @@ A placement that the odometry can explain by its drift is taken, and the robot's
 (`OdometrySource.align`). One that it cannot explain is taken at once, as a jump, when `JUMP_AGREEMENTS` more
 agree with it: a localiser that has found itself agrees with odometry from then on, one that is frozen or
 guesses does not. After `MAX_JUMPS` within `JUMPS_DISTANCE` it is not believed until an operator has looked.
+Nor is one that was taken at once, and which later ones contradict `MAX_CONTRADICTIONS` times before
+`ANCHOR_DISTANCE` has confirmed it: a wrong base frame, or a second localiser on the topic.
 
 AMCL repeats its newest transform, with new stamps, until its next update. What is repeated, to the last bit,
 is no news: it agrees with nothing and corrects nothing. An agreement counts only after motion, or after a
@@ -48,6 +50,10 @@ STANDING_TIME, STANDING_SHARE = 1.0, 0.25
 """Time from one to the next where the robot stands [s], and the share of that motion that is standing."""
 MAX_JUMPS, JUMPS_DISTANCE = 3, 5.0
 """Number of jumps within so much travel [m] after which the localiser is not believed."""
+CONTRADICTION_DISTANCE, CONTRADICTION_ANGLE = 0.5, 0.5
+"""Change of the placement, beyond the share for drift, that a localiser's noise does not explain [m; rad]."""
+MAX_CONTRADICTIONS = 2
+"""Number of contradictions after which a placement that motion has not confirmed is not believed."""
 MAX_UNCORRECTED_DISTANCE = 5.0
 """Distance that a robot may travel without a placement [m]."""
 MIN_FROZEN_DISTANCE = 0.05
@@ -91,6 +97,15 @@ class Suspect(NamedTuple):
     agreements: int = 0
 
 
+class Trial(NamedTuple):
+    """A placement that was taken at once, and which motion has not confirmed yet."""
+
+    since: float
+    """When it was taken, or last contradicted [m travelled]."""
+    contradictions: int = 0
+    """Number of later placements that agree neither with it nor with one another."""
+
+
 class Received(NamedTuple):
     """The newest transform of the localiser that was not refused."""
 
@@ -114,6 +129,10 @@ class MapFrameState:
     anchor: tuple[Placement, float] | None = None
     """One from up to `ANCHOR_DISTANCE` ago, and when it was taken [m travelled]."""
     suspect: Suspect | None = None
+    trial: Trial | None = None
+    """That of the placement, until motion confirms it."""
+    refused: str = ""
+    """Why the newest message of the localiser was refused; empty if it was not."""
     corrected: float = 0.0
     """When the newest was taken [m travelled]."""
     jumps: list[float] = field(default_factory=list)
@@ -147,13 +166,19 @@ class MapFrame:
     def doubt(self) -> Reason | None:
         """Why the robot's position is unknown, or not believed; None if it is known."""
         state = self.state
+        uncorrected = self.travelled - state.corrected
+        silent = state.placement is None or uncorrected > MAX_UNCORRECTED_DISTANCE
+        if silent and state.refused:
+            return Reason.of(Code.LOCALISER_REFUSED, detail=state.refused)
         if state.placement is None:
             return Reason(Code.NOT_LOCALISED)
         if state.distrusted:
             return Reason.of(Code.LOCALISER_JUMPS, count=float(MAX_JUMPS), distance=JUMPS_DISTANCE)
-        uncorrected = self.travelled - state.corrected
-        if uncorrected > MAX_UNCORRECTED_DISTANCE:
+        if silent:
             return Reason.of(Code.LOCALISER_SILENT, distance=uncorrected, limit=MAX_UNCORRECTED_DISTANCE)
+        if state.trial is not None and state.trial.contradictions >= MAX_CONTRADICTIONS:
+            count = float(state.trial.contradictions)
+            return Reason.of(Code.LOCALISER_CONTRADICTS, count=count, distance=ANCHOR_DISTANCE)
         return None
 
     def trust(self) -> Reason | None:
@@ -164,6 +189,7 @@ class MapFrame:
         """
         state = self.state
         state.distrusted, state.jumps = False, []
+        state.trial = None if state.trial is None else Trial(self.travelled)
         if state.suspect is None or not self._stood_since(state.suspect.agreed, state.passed[-1]):
             return None
         return self._jump(state.suspect.placement, state.passed[-1])
@@ -192,13 +218,18 @@ class MapFrame:
         while passed[0].stamp < odometry.stamp - HISTORY_TIME:
             passed.popleft()
 
+    def refuse(self, bad: BadMessage) -> None:
+        """Record why the localiser's newest message was refused."""
+        self.state.refused = str(bad)
+
     def take_pose(self, pose: MapPose) -> Reason | None:
         """Take a pose; return the jump that it confirms, if any. Raises BadMessage."""
         state = self.state
         if pose.deviation > MAX_DEVIATION or pose.heading_deviation > MAX_HEADING_DEVIATION:
             raise BadMessage(
                 f"pose uncertain by {pose.deviation:.2f} m, {pose.heading_deviation:.2f} rad; limits"
-                f" {MAX_DEVIATION:g} m, {MAX_HEADING_DEVIATION:g} rad"
+                f" {MAX_DEVIATION:g} m, {MAX_HEADING_DEVIATION:g} rad: push the robot until the localiser is"
+                " certain (AMCL: call request_nomotion_update)"
             )
         then = self._then(pose.stamp)
         if pose.stamp <= state.stamp:
@@ -243,6 +274,7 @@ class MapFrame:
 
     def _take(self, placement: Placement, then: Passed) -> Reason | None:
         state = self.state
+        state.refused = ""
         stale = state.outdated is not None and _explained(state.outdated, placement, then, 0.0)
         if state.placement is None or state.anchor is None:
             if not stale:
@@ -251,7 +283,9 @@ class MapFrame:
                 state.suspect = Suspect(placement, then, then)
             return None
         anchor, since = state.anchor
-        if _explained(anchor, placement, then, DRIFT_SHARE * max(0.0, then.travelled - since)):
+        drifted = DRIFT_SHARE * max(0.0, then.travelled - since)
+        if _explained(anchor, placement, then, drifted):
+            self._try(then, None if state.suspect is None else state.suspect.placement, drifted)
             state.placement, state.suspect, state.corrected = placement, None, then.travelled
             state.outdated = None
             if then.travelled - since > ANCHOR_DISTANCE:
@@ -262,11 +296,29 @@ class MapFrame:
         before = state.suspect
         drift = 0.0 if before is None else DRIFT_SHARE * max(0.0, then.travelled - before.first.travelled)
         if before is None or not _explained(before.placement, placement, then, drift, DRIFT_DISTANCE / 2.0):
+            if before is not None:
+                self._try(then, placement, drifted)
             state.suspect = Suspect(placement, then, then)
         elif self._counts(before, then):
             state.suspect = before._replace(agreed=then, agreements=before.agreements + 1)
             return self._jump(placement, then) if before.agreements + 1 >= JUMP_AGREEMENTS else None
         return None
+
+    def _try(self, then: Passed, other: Placement | None, drifted: float) -> None:
+        """Count a contradiction by `other`, once for each motion; else end the trial, if motion confirms it.
+
+        `drifted` [m] is what odometry's drift since the anchor explains.
+        """
+        trial, anchor = self.state.trial, self.state.anchor
+        if trial is None or anchor is None:
+            return
+        limits = CONTRADICTION_DISTANCE, CONTRADICTION_ANGLE
+        over = then.travelled - trial.since
+        if other is not None and not _explained(anchor[0], other, then, drifted, *limits):
+            if over >= AGREEMENT_DISTANCE:
+                self.state.trial = Trial(then.travelled, trial.contradictions + 1)
+        elif over > ANCHOR_DISTANCE and trial.contradictions < MAX_CONTRADICTIONS:
+            self.state.trial = None
 
     def _counts(self, suspect: Suspect, then: Passed) -> bool:
         """Whether an agreement of `then` is independent of those before."""
@@ -293,13 +345,18 @@ class MapFrame:
         state = self.state
         state.placement, state.anchor = placement, (placement, then.travelled)
         state.suspect, state.outdated, state.corrected = None, None, then.travelled
+        state.trial = Trial(then.travelled)
 
     def _then(self, stamp: float) -> Passed:
         """Odometry at `stamp` [s], between two messages. Raises BadMessage if that is not known."""
         passed = self.state.passed
         if not passed or not passed[0].stamp <= stamp <= passed[-1].stamp + HISTORY_TIME:
             age = math.inf if not passed else passed[-1].stamp - stamp
-            raise BadMessage(f"pose stamped {age:.2f} s before the newest odometry; limit {HISTORY_TIME:g} s")
+            side = "after" if age < 0.0 else "before"
+            raise BadMessage(
+                f"pose stamped {abs(age):.2f} s {side} the newest odometry; limit {HISTORY_TIME:g} s:"
+                " check the clock of the localiser (chrony)"
+            )
         after = next((one for one in passed if one.stamp >= stamp), passed[-1])
         before = next((one for one in reversed(passed) if one.stamp <= stamp), passed[0])
         if after.stamp <= before.stamp:
@@ -320,12 +377,17 @@ def _motion(before: Passed, after: Passed) -> float:
 
 
 def _explained(
-    before: Placement, after: Placement, then: Passed, drift: float, least: float = DRIFT_DISTANCE
+    before: Placement,
+    after: Placement,
+    then: Passed,
+    drift: float,
+    least: float = DRIFT_DISTANCE,
+    least_turn: float = DRIFT_ANGLE,
 ) -> bool:
-    """Whether noise of `least` [m] and a `drift` [m] explain the change between two placements."""
+    """Whether noise of `least` [m] and `least_turn` [rad], and a `drift` [m], explain the change."""
     shift = abs(after.of(then.position) - before.of(then.position))
     turn = abs(float(angle_between(before.rotation, after.rotation)))
-    return shift <= least + drift and turn <= DRIFT_ANGLE
+    return shift <= least + drift and turn <= least_turn
 
 
 def _plain(frame: str) -> str:

@@ -60,6 +60,8 @@ class Code(StrEnum):
     NOT_LOCALISED = "not_localised"
     LOCALISER_SILENT = "localiser_silent"
     LOCALISER_JUMPS = "localiser_jumps"
+    LOCALISER_CONTRADICTS = "localiser_contradicts"
+    LOCALISER_REFUSED = "localiser_refused"
     RELOCALISED = "relocalised"
     POSITION_JUMPED = "position_jumped"
     HEADING_JUMPED = "heading_jumped"
@@ -149,10 +151,15 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_WAS_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s;"
         " goes on within 10 s if it stays below",
         Code.NOT_LOCALISED: "not localised in the map yet: give the localiser an initial pose",
-        Code.LOCALISER_SILENT: "no pose of the localiser for {distance:.1f} m; limit {limit:g} m:"
-        " check that it runs, and that its messages reach the agent",
+        Code.LOCALISER_SILENT: "no pose of the localiser that agrees with odometry for {distance:.1f} m;"
+        " limit {limit:g} m: check that it runs, that its messages reach the agent, and its map",
         Code.LOCALISER_JUMPS: "the localiser jumped {count:.0f} times within {distance:g} m:"
         " check its map and scanner, then order hold and run",
+        Code.LOCALISER_CONTRADICTS: "the localiser's poses contradicted each other or odometry {count:.0f}"
+        " times before {distance:g} m agreed: check its initial pose, its base frame, and that no second one"
+        " publishes, then order hold and run",
+        Code.LOCALISER_REFUSED: "not localised in the map; the localiser's newest message was refused:"
+        " {detail}",
         Code.RELOCALISED: "the localiser moved the robot by {distance:.2f} m",
         Code.POSITION_JUMPED: "{source} jumped by {distance:.2f} m",
         Code.HEADING_JUMPED: "{source} jumped by {angle:+.2f} rad",

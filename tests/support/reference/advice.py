@@ -45,8 +45,12 @@ ADVICE: Mapping[Code, str] = {
     Code.POSITION_WAS_LATE: "Nothing; it goes on by itself when positions stay in time.",
     Code.NOT_LOCALISED: "Give the localiser an initial pose (RViz: 2D Pose Estimate), and see that its "
     "messages reach the agent.",
-    Code.LOCALISER_SILENT: "See that the localiser runs, and that `amcl_pose` or `tf` reaches the agent.",
+    Code.LOCALISER_SILENT: "See that the localiser runs, that `amcl_pose` or `tf` reaches the agent, and that"
+    " the robot is where it says.",
     Code.LOCALISER_JUMPS: "Check the map and the scanner; then order `hold` and `run`.",
+    Code.LOCALISER_CONTRADICTS: "Check the initial pose, that the localiser's base frame is odometry's, and"
+    " that no other process publishes `amcl_pose` or `tf`; then order `hold` and `run`.",
+    Code.LOCALISER_REFUSED: "See to what it names: clocks, the frame, or an uncertain pose.",
     Code.RELOCALISED: "Nothing: the robot goes on at its new position.",
     Code.POSITION_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
     Code.HEADING_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",

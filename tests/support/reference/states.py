@@ -68,6 +68,8 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
             Code.NOT_LOCALISED,
             Code.LOCALISER_SILENT,
             Code.LOCALISER_JUMPS,
+            Code.LOCALISER_CONTRADICTS,
+            Code.LOCALISER_REFUSED,
         ),
     ),
     ("gap in the own positions", [_with(follows=False)]),

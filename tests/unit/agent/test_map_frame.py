@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import cmath
 import json
+import math
+import re
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -36,8 +38,9 @@ from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import MapPose, Odometry, Pose, Transform, Transforms, decode, encode
 from formation.topics import AMCL_POSE, ODOM, POSITION, TF
 from formation.wire import BadMessage, Sample
+from tests.support.examples import slow
 from tests.support.fleet import EPOCH, Fleet, at
-from tests.support.meddling import lost, on
+from tests.support.meddling import altered, lost, on
 from tests.support.missions import with_robots
 
 PERIOD = 0.05
@@ -423,9 +426,89 @@ def test_pose_in_frame_of_odometry_places_no_robot() -> None:
     fleet.meddle = meddle
     fleet.run(2.0)
     agent = fleet.agents["robot1"]
-    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
+    assert agent.decision.reason.code is Code.LOCALISER_REFUSED
+    assert "frame of odometry" in str(agent.decision.reason)
     assert agent.command == AT_REST
     assert "frame of odometry" in agent.inbox.state.last_dropped[AMCL_POSE.key("robot1")]
+
+
+@pytest.mark.parametrize(
+    ("late", "deviation", "why"),
+    [
+        (100.0, 0.02, r"stamped 100\.\d\d s before the newest odometry.*\(chrony\)"),
+        (-100.0, 0.02, r"stamped \d\d\.\d\d s after the newest odometry.*\(chrony\)"),
+        (0.0, 0.5, r"pose uncertain by 0\.50 m.*request_nomotion_update"),
+    ],
+    ids=["late clock", "early clock", "uncertain"],
+)
+def test_refused_first_pose_is_named_instead_of_a_missing_one(
+    late: float, deviation: float, why: str
+) -> None:
+    fleet = Fleet(PAIR)
+    fleet.meddle = altered(
+        AMCL_POSE.key("robot1"),
+        MapPose,
+        lambda pose: replace(pose, stamp=pose.stamp - late, deviation=deviation),
+    )
+    fleet.run(2.0)
+    assert fleet.last_command("robot1") == AT_REST
+    reason = fleet.status("robot1").reason
+    assert reason.code is Code.LOCALISER_REFUSED
+    assert re.search(why, str(reason))
+    localise(fleet)
+    fleet.run(1.0)
+    assert fleet.status("robot1").state == "run"
+
+
+def localise(fleet: Fleet) -> None:
+    """Have an exact localiser say where robot1 is, with each odometry."""
+
+    def meddle(sample: Sample) -> tuple[Sample, ...]:
+        plant, stamp = fleet.plant("robot1"), decode(Odometry, sample.payload).stamp
+        pose = encode(MapPose(stamp, plant.position, plant.heading))
+        return sample, sample._replace(key=AMCL_POSE.key("robot1"), payload=pose)
+
+    fleet.meddle = on(ODOM.key("robot1"), meddle)
+
+
+@pytest.mark.parametrize("degrees", [180, *slow(90, -90, 120)])
+def test_rotated_base_frame_of_localiser_holds_within_a_metre(degrees: float) -> None:
+    """Before, the robot drove away from its slot, 7 m in 40 s."""
+    fleet, turned = Fleet(PAIR), cmath.rect(1.0, math.radians(degrees))
+    fleet.meddle = altered(
+        AMCL_POSE.key("robot1"), MapPose, lambda pose: replace(pose, heading=pose.heading * turned)
+    )
+    fleet.run(20.0)
+    assert fleet.status("robot1").reason.code is Code.LOCALISER_CONTRADICTS
+    assert fleet.last_command("robot1") == AT_REST
+    assert fleet.plant("robot1").path < 1.0
+    localise(fleet)
+    fleet.ask("leader", "hold")
+    fleet.run(3.0)
+    fleet.ask("leader", "run")
+    fleet.run(30.0)
+    assert fleet.status("robot1").state == "run"
+    assert fleet.error() < 0.1
+
+
+def test_two_localisers_on_one_topic_hold_the_robot() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    for number in range(1, 5):
+        drive.go(0.25)
+        drive.frame.take_pose(drive.pose(MOVED if number % 2 else TRUE))
+    assert drive.doubted() is Code.LOCALISER_CONTRADICTS
+    drive.frame.trust()
+    assert drive.doubted() is None
+
+
+def test_outliers_after_a_metre_of_agreement_hold_no_robot() -> None:
+    drive = Drive()
+    for number in range(40):
+        drive.frame.take_pose(drive.pose(MOVED if number in {6, 8, 10, 30, 32} else TRUE))
+        drive.go(0.25)
+    assert drive.doubted() is None
+    assert placement_error(drive.placed, TRUE, drive.at) < 1e-9
 
 
 @pytest.mark.parametrize("off", [0j, 0.05])
