@@ -8,7 +8,8 @@ between command and sensor, and no possible delay may explain the difference:
               farthest; or commanded more than `still_min`, and every position so far within `still`
     TURN      the same for the heading, where the sensor measures one; also if it turns the other way
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
-    CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
+    CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance; since the sensor
+              last showed motion, or over the last `EXCESS_DISTANCE`: a wrong scale, or a position that slides
     TURNED    the same for the heading
     LATE      positions follow the commands later than they may (`formation.agent.pose.motion_model`)
 
@@ -50,6 +51,8 @@ MIN_MOTION_SHARE = 0.4
 """Share of the commanded motion below which the robot does not move as commanded."""
 MAX_MOTION_RATIO = 1.5
 """Greatest ratio of seen to commanded motion that is no fault."""
+EXCESS_DISTANCE = 0.3
+"""Commanded path over which too much motion is summed up, though each leg of it is plausible [m]."""
 FORGETTING_TIME = 20.0
 """Time constant with which a leg is forgotten [s], so that small model errors do not add up for ever."""
 SPEED_WINDOW_DISTANCE = 0.1
@@ -206,12 +209,18 @@ class Leg:
         away = min(state.excursions)
         if state.farthest < MIN_MOTION_SHARE * away and away > limits.net_min + slack():
             return Disagreement(kinds[0], away, state.farthest, over)
-        most = path - state.path_before
-        if seen > MAX_MOTION_RATIO * most + limits.carried:
-            return Disagreement(kinds[1], most, seen, over)
+        if (excess := self.excess(moment, path, kinds[1])) is not None:
+            return excess
         if least > limits.net_min and self._against(models) and least > limits.net_min + slack():
             return Disagreement(kinds[0], least, -seen, over)
         return None
+
+    def excess(self, moment: float, path: float, kind: MotionFault) -> Disagreement | None:
+        """How much more motion is seen than was commanded, if that is a fault."""
+        seen, most = abs(self.state.seen), path - self.state.path_before
+        if seen <= MAX_MOTION_RATIO * most + self._tolerance.carried:
+            return None
+        return Disagreement(kind, most, seen, min(moment - self.state.began, FORGETTING_TIME))
 
     def _against(self, models: Sequence[complex]) -> bool:
         """Whether the seen motion has another sign than the commanded net motion, whatever the delay."""
@@ -257,6 +266,8 @@ class MotionCheckState:
     model: MotionModelState
     position: LegState
     heading: LegState
+    excess: LegState
+    """Of positions, until `EXCESS_DISTANCE` was commanded."""
     delay: OwnDelayState
     doubt: Disagreement | None = None
     """The disagreement that has not been disproved yet."""
@@ -274,18 +285,20 @@ class MotionCheck:
 
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
-        period = 1.0 / spec.rate
+        self._period = period = 1.0 / spec.rate
         self.excused = period + mission.collisions.lag
         """Delay of a measurement beyond its age that is no fault [s]: a period, and the wheels' lag."""
         self.model = MotionModel(MAX_COMMAND_LOOP_DELAY + self.excused, spec.longest_command)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING, signed=True)
+        self._excess = Leg(POSITION)
         self._delay = OwnDelay(mission.collisions.noise, spec.rate)
         self.state = MotionCheckState(
             model=self.model.state,
             position=self._position.state,
             heading=self._heading.state,
+            excess=self._excess.state,
             delay=self._delay.state,
         )
 
@@ -328,6 +341,9 @@ class MotionCheck:
         model, half = self.model, 0.5 * self.model.spacing
         self._position.add(travel.displacement, remaining, points, newest.path)
         self._heading.add(complex(travel.turn), remaining, turned, newest.turning)
+        self._excess.add(travel.displacement, remaining, points, newest.path)
+        if gap or moment - last < 0.5 * self._period:  # the latter: read at once after a pause
+            self._excess.excuse(travel.displacement)
         if gap:
             self._position.excuse(travel.displacement)
             self._heading.excuse(complex(travel.turn))
@@ -335,6 +351,7 @@ class MotionCheck:
         self.state.doubt = self._position.judge(
             moment, points, newest.path, lambda: half * model.fastest.speed, POSITION_FAULTS
         )
+        self.state.doubt = self.state.doubt or self._excess.excess(moment, newest.path, MotionFault.CARRIED)
         if self._has_heading and self.state.doubt is None:
             self.state.doubt = self._heading.judge(
                 moment, turned, newest.turning, lambda: half * model.fastest.turn_rate, HEADING_FAULTS
@@ -344,8 +361,14 @@ class MotionCheck:
         if self._position.shows_motion(points, newest.path):
             self._position.begin(moment, points, path_at(models[HALF_DELAY_INDEX]))
             self.state.confirmed += 1
+        self._limit_excess(moment, models)
         if self._heading.shows_motion(turned, newest.turning):
             self._heading.begin(moment, turned, turning_at(models[HALF_DELAY_INDEX]))
+
+    def _limit_excess(self, moment: float, models: Sequence[Between]) -> None:
+        """Sum up motion anew once `EXCESS_DISTANCE` was commanded."""
+        if self.model.now.path - self._excess.state.path_before > EXCESS_DISTANCE:
+            self._excess.begin(moment, positions(models), path_at(models[HALF_DELAY_INDEX]))
 
     def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
         """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
@@ -361,6 +384,7 @@ class MotionCheck:
     def _begin(self, moment: float, models: Sequence[Between]) -> None:
         self._position.begin(moment, positions(models), path_at(models[HALF_DELAY_INDEX]))
         self._heading.begin(moment, turns(models), turning_at(models[HALF_DELAY_INDEX]))
+        self._excess.begin(moment, positions(models), path_at(models[HALF_DELAY_INDEX]))
         self._begin_window(moment, models)
 
     def _resume(self, travel: Travel | None) -> None:

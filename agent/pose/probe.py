@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from formation.agent.pose.motion_check import MIN_MOTION_SHARE, Disagreement
+from formation.agent.pose.motion_check import MAX_MOTION_RATIO, MIN_MOTION_SHARE, Disagreement
 from formation.agent.pose.motion_model import Modelled
 from formation.control.controller import Limits
 from formation.control.observer import Travel
@@ -286,13 +286,14 @@ class Probe:
             if later > max(MAX_LATER_SHARE * abs(expected), unsure):
                 return False
             return _follows(state.after.heading - state.before.heading, expected, unsure)
+        most = MAX_MOTION_RATIO if doubt.kind is MotionFault.CARRIED else 1.0 / MIN_MOTION_SHARE
         expected, unsure = state.expected[0], SEEN_DEVIATIONS * math.hypot(error, error_after)
         if abs(state.stands.position - state.after.position) > max(MAX_LATER_SHARE * abs(expected), unsure):
             return False
         moved = abs(state.after.position - state.before.position)
         if speeds and not _follows(state.reported, expected, 0.0):
             return False
-        return _follows(math.copysign(moved, expected), expected, unsure)
+        return _follows(math.copysign(moved, expected), expected, unsure, most)
 
     def _delay(self, doubt: Disagreement) -> float:
         """Mean time from the motion of the model to that of the sensor, in the newest probe [s]."""
@@ -333,8 +334,11 @@ def _is_precise(mean: Mean, over: float, tries: int, *, turns: bool) -> bool:
     return SEEN_DEVIATIONS * math.sqrt(2.0) * (turn_error if turns else error) <= MIN_MOTION_SHARE * length
 
 
-def _follows(seen: float, expected: float, unsure: float) -> bool:
-    """Whether `seen` has the direction of `expected`, about its size, and is significant."""
+def _follows(seen: float, expected: float, unsure: float, most: float = 1.0 / MIN_MOTION_SHARE) -> bool:
+    """Whether `seen` has the direction of `expected`, about its size, and is significant.
+
+    It is at most `most` times as much.
+    """
     along = seen * math.copysign(1.0, expected)
     least = max(MIN_MOTION_SHARE * abs(expected), unsure)
-    return expected != 0.0 and least <= along <= abs(expected) / MIN_MOTION_SHARE + unsure
+    return expected != 0.0 and least <= along <= most * abs(expected) + unsure

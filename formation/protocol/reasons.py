@@ -211,7 +211,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.MOTION_SPEEDS: "{source} contradicts itself: positions moved {expected:+.2f} m in"
         " {duration:.1f} s, its speeds say {seen:+.2f} m; check the speeds that the robot reports",
         Code.MOTION_CARRIED: "{source} moved without command: commanded {expected:.2f} m in {duration:.1f} s,"
-        " moved {seen:.2f} m; was the robot carried or pushed, or is another one seen?",
+        " moved {seen:.2f} m; was the robot carried or pushed, is another one seen, or is the scale of the"
+        " {source} wrong?",
         Code.MOTION_TURNED: "{source} turned without command: commanded {expected:.2f} rad in"
         " {duration:.1f} s, turned {seen:.2f} rad; was the robot turned by hand, or is another one seen?",
         Code.MOTION_LATE: "{source} shows what was commanded {seen:.1f} s later, whatever its stamps say;"

@@ -100,6 +100,25 @@ def test_jump_of_external_pose_stops_robot_without_lurch(mission: Mission) -> No
     assert fleet.error() < 0.005
 
 
+@pytest.mark.parametrize("scale", [3.0, *slow(2.0, 10.0)])
+def test_camera_with_wrong_scale_stops_its_robots(scale: float) -> None:
+    """They would drive at a third of their distances."""
+    fleet = Fleet(SEEN)
+
+    def scaled(sample: Sample) -> tuple[Sample]:
+        if not sample.key.endswith("/pose"):
+            return (sample,)
+        seen = decode(Pose, sample.payload)
+        return (sample._replace(payload=encode(replace(seen, position=scale * seen.position))),)
+
+    fleet.meddle = scaled
+    fleet.run(10.0)
+    for name in fleet.mission.followers:
+        assert fleet.plant(name).path < 0.4
+        assert fleet.status(name).reason.code is Code.MOTION_CARRIED
+        assert "scale of the pose" in str(fleet.status(name).reason)
+
+
 def test_measured_heading_comes_from_odometry_at_once() -> None:
     fleet = Fleet(with_robots("turtlebot3_pair", heading="measured", odometry_frame="start")).after(0.3)
     for name in fleet.mission.followers:
