@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from formation.agent.pose.map_frame import MapFrame, MapFrameState, Placement
+from formation.agent.pose.mirror import MirrorCheck, MirrorState
 from formation.agent.pose.sources import (
     ExternalPoseSource,
     ExternalPoseState,
@@ -62,6 +63,7 @@ class LocalisationState:
     stream: StreamState
     source: OdometryState | ExternalPoseState
     map_frame: MapFrameState | None
+    mirror: MirrorState | None
     jumped: Reason | None = None
     """The newest jump, as long as it counts; else None."""
     jumps: int = 0
@@ -121,6 +123,9 @@ class Localisation:
         )
         self.map_frame = MapFrame() if spec.odometry_frame == "map" else None
         """Places odometry by a localiser; None without one."""
+        self._mirror = (
+            MirrorCheck() if spec.localisation == "external" and spec.heading == "observer" else None
+        )
         self._observer = controller.observer
         self._filters = controller.collision_filter
         self._filters_pose = controller.pose_filter
@@ -146,6 +151,7 @@ class Localisation:
             stream=self.stream.state,
             source=self._source.state,
             map_frame=None if self.map_frame is None else self.map_frame.state,
+            mirror=None if self._mirror is None else self._mirror.state,
             estimate=estimate,
             course=estimate,
             spread=first_spread(self._least_noise),
@@ -169,6 +175,8 @@ class Localisation:
             return Reason.of(Code.POSITION_TOO_FAR, source=self.source, limit=MAX_POSITION)
         if self.map_frame is not None and (lost := self.map_frame.doubt) is not None:
             return lost
+        if self._mirror is not None and (mirrored := self._mirror.doubt) is not None:
+            return mirrored
         return self._contradicted
 
     @property
@@ -318,9 +326,11 @@ class Localisation:
         self._relocalised(jump)
 
     def trust(self) -> None:
-        """Believe localiser (`MapFrame.trust`) and measured heading again: an order holds the robot."""
+        """Believe localiser (`MapFrame.trust`), heading and path again: an order holds the robot."""
         if self._contradicted is not None:
             self.state.estimate, self.state.mismounted = 0j, 0.0
+        if self._mirror is not None:
+            self._mirror.trust()
         if self.map_frame is not None:
             self._relocalised(self.map_frame.trust())
 
@@ -402,6 +412,7 @@ class Localisation:
         believed, state.position = state.position, seen.position
         state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None
+        self._compare_turns(state.since_last, elapsed)
         if seen.travel is None:
             if self._observer.start is not None:
                 state.estimate = self._observer.start(seen.position, self._gain)
@@ -444,6 +455,15 @@ class Localisation:
             state.course = innovation(state.course, seen.travel, gain)
             state.travelled += abs(seen.travel.distance)
         return elapsed
+
+    def _compare_turns(self, travel: Travel | None, elapsed: float | None) -> None:
+        """Compare the path of external poses with the commands, unless the interval is unknown or a gap."""
+        if self._mirror is None:
+            return
+        if travel is None or elapsed is None or elapsed > self.stream.limit:
+            self._mirror.interrupt()
+        else:
+            self._mirror.add(travel)
 
     def _note_restart(self, distance: float) -> None:
         """Count it as a jump if the filter began anew after a `distance` [m] that commands do not explain.

@@ -67,6 +67,7 @@ class Code(StrEnum):
     HEADING_JUMPED = "heading_jumped"
     POSITION_TOO_FAR = "position_too_far"
     HEADING_CONTRADICTED = "heading_contradicted"
+    PATH_MIRRORED = "path_mirrored"
     POSITION_GAP = "position_gap"
     # about its range scanner
     NO_SCAN = "no_scan"
@@ -167,6 +168,9 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.HEADING_CONTRADICTED: "{source} has a heading {angle:.2f} rad off the direction in which the"
         " robot moves; limit {limit:.2f} rad: check how it is mounted, and the motors,"
         " then order hold and run",
+        Code.PATH_MIRRORED: "pose shows the robot turn to the side opposite to its commands: is the camera's"
+        " frame mirrored (y downwards), is another robot seen, or are motors swapped? Correct it, then order"
+        " hold and run",
         Code.POSITION_GAP: "no two {source} messages within {limit:.2f} s",
         Code.NO_SCAN: "no range scan yet",
         Code.SCAN_SILENT: "range scan silent for {age:.2f} s; limit {limit:.2f} s",

@@ -57,6 +57,8 @@ ADVICE: Mapping[Code, str] = {
     Code.POSITION_TOO_FAR: "Check what publishes the position: its unit must be metres.",
     Code.HEADING_CONTRADICTED: "Check how the marker or sensor is mounted on the robot, and that no motors"
     " are swapped. Then `hold`, and `run`.",
+    Code.PATH_MIRRORED: "Check that the frame of the poses is right-handed, that the marker is this robot's,"
+    " and that no motors are swapped. Then `hold`, and `run`.",
     Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check the rate of the position.",
     Code.NO_SCAN: f"{WAIT} check the scanner's driver.",
     Code.SCAN_SILENT: "Check the scanner and its driver.",

@@ -65,6 +65,7 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
             "doubt",
             Code.POSITION_TOO_FAR,
             Code.HEADING_CONTRADICTED,
+            Code.PATH_MIRRORED,
             Code.NOT_LOCALISED,
             Code.LOCALISER_SILENT,
             Code.LOCALISER_JUMPS,

@@ -119,6 +119,28 @@ def test_camera_with_wrong_scale_stops_its_robots(scale: float) -> None:
         assert "scale of the pose" in str(fleet.status(name).reason)
 
 
+def mirrored(seen: Pose) -> Pose:
+    return replace(seen, position=seen.position.conjugate(), heading=seen.heading.conjugate())
+
+
+@pytest.mark.parametrize("warm", [0.0, *slow(12.0)])
+def test_mirrored_camera_stops_robot_until_hold_and_run(warm: float) -> None:
+    """It turned away from where it wanted to go: 2.4 m in 25 s, and never stopped."""
+    fleet = Fleet.under_way(SEEN, warm) if warm else Fleet(SEEN)
+    fleet.meddle = altered(POSE.key("robot1"), Pose, mirrored)
+    assert fleet.driven("robot1", 10.0) < 0.5
+    assert fleet.status("robot1").reason.code is Code.PATH_MIRRORED
+    assert fleet.last_command("robot1") == AT_REST
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(2.0)
+    assert fleet.last_command("robot1") == AT_REST
+    fleet.ask("leader", "hold")
+    fleet.run(1.0)
+    fleet.ask("leader", "run")
+    fleet.run(25.0)
+    assert fleet.error() < 0.01
+
+
 def test_measured_heading_comes_from_odometry_at_once() -> None:
     fleet = Fleet(with_robots("turtlebot3_pair", heading="measured", odometry_frame="start")).after(0.3)
     for name in fleet.mission.followers:
