@@ -75,6 +75,8 @@ class InboxState:
     """Their number, by key."""
     last_dropped: dict[str, str] = field(default_factory=dict)
     """Why the newest of them was not used, by key."""
+    own_refused: float = float("-inf")
+    """When the newest own position arrived that was not used [s, monotonic]."""
 
 
 class Inbox:
@@ -122,11 +124,17 @@ class Inbox:
                 taken = handle(sample, now)
             except BadMessage as bad:
                 self.drop(sample.key, bad)
+                if sample.key == self._own:
+                    self.state.own_refused = sample.arrived
                 continue
             if sample.key == self._own:
                 moved = True
                 interval = taken if interval is None else interval + (taken or 0.0)
         return moved, interval
+
+    def own_refusal(self, since: float) -> str:
+        """Why the newest own position was refused, if it came after `since` [s, monotonic]; else empty."""
+        return self.state.last_dropped.get(self._own, "") if self.state.own_refused > since else ""
 
     def drop(self, key: str, bad: BadMessage) -> None:
         """Count a message that is not used, and store why."""

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 RIVAL_HOLD_TIME = 1.0
 """The robot holds for this long after another agent's sign of life [s], and for 3 periods at least."""
 
+REFUSED_TIME = 1.0
+"""How long after its arrival a refused position is named instead of a silence [s], and 3 periods at least."""
+
 
 class Surroundings(NamedTuple):
     """How an agent's process is connected, as its loop sees it; None where that is unknown."""
@@ -53,6 +56,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         routed=None if agent.readonly else surroundings.routed,
         silence=here.stream.silence(now),
         limit=here.stream.limit,
+        refused=agent.inbox.own_refusal(now.mono - max(REFUSED_TIME, here.stream.limit)),
         jumped=here.state.jumped,
         doubt=here.doubt,
         outside=state.outside,

@@ -50,6 +50,8 @@ class Facts(NamedTuple):
     """Whether the law's result is finite."""
     source: str = "odometry"
     """Source of the robot's own position."""
+    refused: str = ""
+    """Why its newest message was refused, if it was; an error's text."""
     doubt: Reason | None = None
     """Why the own position is not believed though it did not jump."""
     why: Reason | None = None
@@ -185,6 +187,13 @@ def _motion(facts: Facts) -> Reason:
     return Reason.of(Code.PROBE_BLOCKED, detail=str(reason)) if facts.probe_blocked else reason
 
 
+def _refused(facts: Facts) -> Reason | None:
+    """That positions come, and are refused; None if they do not come."""
+    if not facts.refused:
+        return None
+    return Reason.of(Code.POSITION_REFUSED, source=facts.source, detail=facts.refused)
+
+
 def _too_old(facts: Facts) -> Reason:
     code = Code.POSITION_WAS_LATE if facts.age <= facts.age_limit else Code.POSITION_LATE
     return Reason.of(code, source=facts.source, age=facts.age, limit=facts.age_limit)
@@ -226,13 +235,15 @@ TABLE: tuple[Row, ...] = (
     Row(
         lambda f: _never(f.silence),
         AgentState.WAITING,
-        lambda f: Reason.of(Code.NO_POSITION, source=f.source),
+        lambda f: _refused(f) or Reason.of(Code.NO_POSITION, source=f.source),
         own=True,
     ),
     Row(
         lambda f: f.silence > f.limit,
         AgentState.HOLD,
-        lambda f: Reason.of(Code.POSITION_SILENT, source=f.source, age=f.silence, limit=f.limit),
+        lambda f: (
+            _refused(f) or Reason.of(Code.POSITION_SILENT, source=f.source, age=f.silence, limit=f.limit)
+        ),
         own=True,
     ),
     Row(lambda f: f.too_old, AgentState.HOLD, _too_old, own=True),

@@ -55,6 +55,7 @@ class Code(StrEnum):
     # about its position source
     NO_POSITION = "no_position"
     POSITION_SILENT = "position_silent"
+    POSITION_REFUSED = "position_refused"
     POSITION_LATE = "position_late"
     POSITION_WAS_LATE = "position_was_late"
     NOT_LOCALISED = "not_localised"
@@ -147,6 +148,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.RUNNING: "in formation control",
         Code.NO_POSITION: "no {source} yet",
         Code.POSITION_SILENT: "{source} silent for {age:.2f} s; limit {limit:.2f} s",
+        Code.POSITION_REFUSED: "{source} comes, and is refused: {detail}",
         Code.POSITION_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s:"
         " check what publishes it, and its clock (chrony)",
         Code.POSITION_WAS_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s;"

@@ -41,6 +41,7 @@ ADVICE: Mapping[Code, str] = {
     Code.RUNNING: "Nothing.",
     Code.NO_POSITION: f"{WAIT} check what publishes odometry or the external pose.",
     Code.POSITION_SILENT: "Check what publishes odometry or external pose, and the link to the robot.",
+    Code.POSITION_REFUSED: "See to what it names: orientation, unit, or the clock of what publishes it.",
     Code.POSITION_LATE: "Check what publishes the position, the machine's load, and the clocks (chrony).",
     Code.POSITION_WAS_LATE: "Nothing; it goes on by itself when positions stay in time.",
     Code.NOT_LOCALISED: "Give the localiser an initial pose (RViz: 2D Pose Estimate), and see that its "

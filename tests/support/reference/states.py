@@ -55,8 +55,11 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("no connection to the robot", [_with(connected=False)]),
     ("another agent commands this robot", [_with(rival=True)]),
     ("the process was frozen and has not received enough since", [_with(frozen=2.0)]),
-    ("no own position yet", [_with(silence=NEVER)]),
-    ("own position silent for longer than three periods", [_with(silence=1.0)]),
+    ("no own position yet", [_with(silence=NEVER), _with(silence=NEVER, refused="x")]),
+    (
+        "own position silent for longer than three periods",
+        [_with(silence=1.0), _with(silence=1.0, refused="x")],
+    ),
     ("own position too old on arrival", [_with(too_old=True, age=1.0, age_limit=0.5), _with(too_old=True)]),
     ("own position jumped", _because("jumped", Code.POSITION_JUMPED, Code.HEADING_JUMPED, Code.RELOCALISED)),
     (

@@ -119,6 +119,28 @@ def test_camera_with_wrong_scale_stops_its_robots(scale: float) -> None:
         assert "scale of the pose" in str(fleet.status(name).reason)
 
 
+@pytest.mark.parametrize(("warm", "state"), [(0.0, "waiting"), *slow((12.0, "hold"))])
+def test_refused_poses_are_named_instead_of_a_silence(warm: float, state: str) -> None:
+    """A camera that measures no orientation may send a quaternion of zeros."""
+    fleet = Fleet.under_way(SEEN, warm) if warm else Fleet(SEEN)
+    zeros = bytes(4 * 8)
+    fleet.meddle = on(
+        POSE.key("robot1"), lambda sample: (sample._replace(payload=sample.payload[: -len(zeros)] + zeros),)
+    )
+    fleet.run(2.0)
+    assert fleet.last_command("robot1") == AT_REST
+    status = fleet.status("robot1")
+    assert (status.state, status.reason.code) == (state, Code.POSITION_REFUSED)
+    assert str(status.reason).endswith("orientation has length 0, must be 1")
+    fleet.meddle = lost(POSE.key("robot1"))
+    fleet.run(2.0)
+    silent = Code.POSITION_SILENT if warm else Code.NO_POSITION
+    assert fleet.status("robot1").reason.code is silent
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(2.0)
+    assert fleet.status("robot1").state == "run"
+
+
 def mirrored(seen: Pose) -> Pose:
     return replace(seen, position=seen.position.conjugate(), heading=seen.heading.conjugate())
 

@@ -46,6 +46,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
     ({"connected": False}, "no link to the robot"),
     ({"routed": False}, "does not listen to cmd_vel"),
     ({"silence": 0.16, "source": "pose"}, "pose silent for 0.16 s"),
+    ({"silence": 0.16, "refused": "absurd stamp"}, "odometry comes, and is refused: absurd stamp"),
     ({"too_old": True, "age": 0.4, "age_limit": 0.2}, "was 0.40 s old when it came; limit 0.20 s"),
     ({"jumped": reason(Code.POSITION_JUMPED, distance=0.8)}, "odometry jumped by 0.80 m"),
     ({"doubt": reason(Code.POSITION_TOO_FAR, limit=1e6)}, "odometry is beyond"),
@@ -80,6 +81,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
 ]
 WAIT: list[tuple[dict[str, Any], str]] = [
     ({"silence": NEVER}, "no odometry yet"),
+    ({"silence": NEVER, "refused": "absurd stamp"}, "odometry comes, and is refused: absurd stamp"),
     ({"frozen": 3.2}, "this process was frozen for 3.2 s"),
     ({"scan_silence": NEVER}, "no range scan yet"),
     ({"order": None}, "no order from the leader yet"),
@@ -99,6 +101,7 @@ SHARED = {Code.NO_ORDER, Code.STOPPED_BY_LEADER, Code.HELD_BY_LEADER}
 
 def test_robot_runs_without_any_doubt() -> None:
     assert decide(FINE) == Decision(AgentState.RUN, Reason(Code.RUNNING), own=False, probes=False)
+    assert decide(FINE._replace(refused="a repeated message")) == decide(FINE)
 
 
 @pytest.mark.parametrize(("doubt", "state", "words"), DOUBTS)
