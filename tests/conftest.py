@@ -221,10 +221,12 @@ def _failed_in_call(reports: Sequence[pytest.TestReport]) -> bool:
 
 @pytest.fixture
 def in_a_terminal() -> Iterator[None]:
-    """Handle signals as a terminal leaves them, though the tests may have been started by nohup."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    """Handle signals as a terminal leaves them, though the tests may run under nohup or in the background."""
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
-    signal.signal(signal.SIGHUP, before)
+    signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGHUP, hangup)
 
 
 @pytest.fixture(scope="module")

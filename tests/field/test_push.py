@@ -247,6 +247,7 @@ def test_answer_of_something_else_is_no_traceback(
     assert capsys.readouterr().out.count("its answer cannot be used: KeyError(") == 6
 
 
+@pytest.mark.usefixtures("in_a_terminal")
 def test_interrupted_push_names_robots_that_are_done(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
