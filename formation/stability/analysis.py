@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,19 +73,15 @@ class Analysis:
 def analyse(mission: Mission) -> Analysis:
     """Check a mission."""
     law, controller = mission.law.kind, mission.law.controller
-    graph, gains, mean = mission.graph, mission.gains, controller.mean
-    mu = spectrum.laplacian(graph, mean=mean)
-    poles = spectrum.poles(mu, gains.k_p, gains.k_i)
-    forward = mission.law.velocity_filter if mission.law.feeds_forward else None
-    faults = tuple(_instability(mission, mu, poles, forward))
+    graph, gains = mission.graph, mission.gains
+    mu, poles, faults, sampling = _linear_loop(mission)
     peaks = np.full(len(mission.followers), math.inf)
     if not faults:
-        peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward, mean=mean)
+        peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, _forward(mission), mean=controller.mean)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     warnings += landmarks.warnings(mission)
-    sampling = _sampling(mission, mu, stable=not faults)
     problems = [*faults, *sampling, *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
@@ -117,6 +113,33 @@ def analyse(mission: Mission) -> Analysis:
         problems=tuple(problems),
         warnings=tuple(warnings),
     )
+
+
+def certified(mission: Mission) -> Certificate:
+    """What is proven of a mission, without the rest of its analysis."""
+    loop = _linear_loop(mission)
+    return certificate(mission, stable=not loop.faults and not loop.sampling)
+
+
+class _LinearLoop(NamedTuple):
+    """The loop near formation: eigenvalues of its graph, its poles [1/s], and what makes it unstable."""
+
+    mu: ComplexArray
+    poles: ComplexArray
+    faults: list[str]
+    sampling: list[str]
+
+
+def _linear_loop(mission: Mission) -> _LinearLoop:
+    mu = spectrum.laplacian(mission.graph, mean=mission.law.controller.mean)
+    poles = spectrum.poles(mu, *mission.gains)
+    faults = _instability(mission, mu, poles, _forward(mission))
+    return _LinearLoop(mu, poles, faults, [] if faults else _sampling(mission, mu))
+
+
+def _forward(mission: Mission) -> float | None:
+    """Time constant with which the neighbours' velocities are fed forward [s]; None if they are not."""
+    return mission.law.velocity_filter if mission.law.feeds_forward else None
 
 
 def settling_time(mission: Mission) -> float | None:
@@ -167,10 +190,8 @@ def _unstable(what: str, poles: ComplexArray, legal: str) -> str:
     return f"unstable: {what}, slowest mode {poles.real.max():+.3g} 1/s; {legal}"
 
 
-def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
+def _sampling(mission: Mission, mu: ComplexArray) -> list[str]:
     """Whether the robots' periods are short enough for the gains."""
-    if not stable:
-        return []
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
     k_p, k_i = mission.gains

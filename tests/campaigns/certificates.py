@@ -30,7 +30,7 @@ from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.simulation.simulate import simulate
 from formation.stability import spectrum
-from formation.stability.analysis import analyse
+from formation.stability.analysis import certified
 from formation.stability.certificate import CIRCLES_ONLY
 from tests.campaigns.document import count
 from tests.campaigns.figures import markdown, worded
@@ -99,7 +99,7 @@ def drawn(seed: int, *, short: bool) -> Mission:
 def tried(seed: int, *, short: bool) -> Outcome:
     """Compare a mission's certificate with simulations."""
     mission = drawn(seed, short=short)
-    found = analyse(mission).certificate
+    found = certified(mission)
     cyclic = bool(cyclic_core(mission.graph))
     far = found.convergence == "every start" or found.broken == (CIRCLES_ONLY,)
     spread = 2.0 if far else {"near formation": NEAR}.get(found.convergence, TINY)
@@ -140,11 +140,11 @@ def step_of(mission: Mission) -> float:
     return 1.0 / min(mission.robots[name].rate for name in mission.followers)
 
 
-def curve_ratio(mission: Mission, certified: dict[str, float]) -> float:
+def curve_ratio(mission: Mission, errors: dict[str, float]) -> float:
     """Certified error of the edge that errs most on a circle, over the measured one; NaN without a circle."""
-    if not certified or max(certified.values()) < LEAST_CURVE_ERROR:
+    if not errors or max(errors.values()) < LEAST_CURVE_ERROR:
         return math.nan
-    return max(certified.values()) / max(edge_errors(mission, step=step_of(mission)).values())
+    return max(errors.values()) / max(edge_errors(mission, step=step_of(mission)).values())
 
 
 def outcomes(missions: int, jobs: int, *, short: bool) -> list[Outcome]:
