@@ -32,6 +32,12 @@ if TYPE_CHECKING:
     from formation.mission.model import Mission
 
 
+MIN_WAY_LENGTH = 1e-6
+"""Distance up to which a waypoint counts as reached [m]: the direction of a shorter way is rounding error."""
+MovingSpeed = Annotated[float, Field(ge=1e-6, le=1e9)]
+"""[m/s]; slower legs take longer than a float can tell."""
+
+
 class Straight(Table):
     """A leg of constant velocity."""
 
@@ -48,7 +54,7 @@ class Circle(Table):
 
     radius: Annotated[float, Field(ge=0.001, le=1e6)]
     """Radius of the circle [m]."""
-    speed: Positive
+    speed: MovingSpeed
     """Speed of the leader [m/s]."""
     heading_deg: float | None = None
     """Direction of travel at the start of the leg; by default that at the end of the leg before, and the
@@ -64,7 +70,7 @@ class Waypoints(Table):
 
     waypoints: Annotated[tuple[Point, ...], BeforeValidator(as_tuple), Field(min_length=1)]
     """x, y of each point [m; world frame]."""
-    speed: Positive
+    speed: MovingSpeed
     """Speed of the leader [m/s]."""
 
 
@@ -188,6 +194,6 @@ def _arcs_of_leg(leg: Leg, position: complex, heading: complex) -> Iterator[Arc]
     for x, y in leg.waypoints:
         way = complex(x, y) - position
         distance = abs(way)
-        if distance > 0.0:  # a waypoint where the leader already is asks for nothing
+        if distance > MIN_WAY_LENGTH:  # a waypoint where the leader already is asks for nothing
             yield Arc(position, way / distance, leg.speed, 0.0, distance / leg.speed)
             position = complex(x, y)

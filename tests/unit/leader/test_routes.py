@@ -5,13 +5,14 @@ from __future__ import annotations
 import cmath
 import json
 import math
+from typing import Any
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from formation.leader.route import NamedRoute
-from formation.mission.file import parse
+from formation.mission.file import load, parse
 from formation.mission.route import Circle, Leg, Straight, Waypoints
 from formation.protocol.attachment import (
     MAX_ATTACHMENT_BYTES,
@@ -190,3 +191,24 @@ def test_order_has_motion_only_if_leader_orders_is_velocity(leader_orders: str, 
     order = leading(mission).plan.order(1, 1, "run")
     assert (order.motion is not None) is motion
     assert leading(mission).plan.order(1, 2, "hold").motion is None
+
+
+@pytest.mark.parametrize("tiny", [5e-324, 1e-310, 1e-300])
+@pytest.mark.parametrize(
+    "leg",
+    [
+        {"waypoints": [["tiny", "tiny"]], "speed": 0.1},
+        {"waypoints": [[1.0, 0.0], ["tiny", 0.0]], "speed": "tiny"},
+        {"radius": 2.0, "speed": "tiny"},
+        {"radius": 1e6, "speed": "tiny"},
+        {"heading_deg": 10.0, "speed": "tiny"},
+    ],
+)
+def test_tiny_numbers_of_a_route_end_no_leader(leg: dict[str, Any], tiny: float) -> None:
+    leader = leading(load("convoy"))
+    request = json.dumps({"do": "route", "legs": [leg], "id": "x"}).replace('"tiny"', str(tiny))
+    ask(leader, request)
+    start = leader.plan.where()
+    for one in drive(leader, 0.0, 1.0):
+        assert abs(one.pose.heading) == pytest.approx(1.0)
+        assert abs(one.pose.position - start) < 0.3
