@@ -242,9 +242,13 @@ class Geofence:
         With ``turning`` its rotation is from the leader's heading, which was `heading` before. Points
         outside may come back: only moving further out counts.
         """
+        if self._stays_clear(route, placed_shape.scale):
+            return None
         turning, first = self._mission.turning, None
         named = tuple(self._named(placed_shape))
         for begin, end in pairwise(_looks(route, since, heading)):
+            if self.clear_of(end.place, placed_shape.scale):
+                continue  # all slots are inside: most of a path of hundreds of points
             for what, slot in named:
                 after = end.place + (slot * end.heading if turning else slot)
                 if self.area.contains(after, self.clearance):
@@ -257,6 +261,18 @@ class Geofence:
             if first is not None:
                 return first
         return None
+
+    def _stays_clear(self, route: Route, scale: float) -> bool:
+        """Whether a route of straight legs keeps shapes of this scale off the bounds, however they turn.
+
+        True for most paths of hundreds of points: the leader sends no position while it looks at each.
+        """
+        return all(
+            arc.turn_rate == 0.0
+            and (arc.speed == 0.0 or math.isfinite(arc.duration))
+            and self.clear_of(arc.position, scale)
+            for arc in route.arcs
+        )
 
     def _crossed(self, before: complex, after: complex, what: str) -> Iterator[tuple[float, Breach]]:
         """Each limit that a straight path crosses outwards, and the share of the path at which it does."""

@@ -13,6 +13,7 @@ from formation.mission.file import MissionError, load, parse, read, shipped
 from formation.mission.model import Bounds, Mission
 from formation.mission.route import Circle, Route, Straight, Waypoints
 from formation.protocol.order import Order, Place, Slots
+from formation.slots import geofence
 from formation.slots.geofence import BOUNDS_MARGIN_SIZES, MIN_BOUNDS_MARGIN, RETURN_DEPTH, Area, Geofence
 from formation.slots.shape import PlacedShape
 from formation.wire import BadMessage
@@ -135,6 +136,16 @@ def test_exit_is_the_first_sample_outside(
     if first is not None and not turning:
         worst = fence.breach([placed_shape], route.position(first.time), fence.clearance)
         assert worst.excess == pytest.approx(0.0, abs=1e-6)
+
+
+def test_long_path_off_the_bounds_is_not_looked_at_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The leader sends no position meanwhile: 0.1 s for 300 points on a desktop computer."""
+    points = tuple((0.01 * number, 0.2 * (number % 2)) for number in range(1, 300))
+    inside = Route([Waypoints(waypoints=points, speed=0.5)], 0j)
+    outside = Route([Waypoints(waypoints=(*points, (30.0, 0.0)), speed=0.5)], 0j)
+    assert FENCE.exit(outside, PlacedShape.first(SIX)) is not None
+    monkeypatch.setattr(geofence, "_looks", None)
+    assert FENCE.exit(inside, PlacedShape.first(SIX)) is None
 
 
 TABLE = "[bounds]\nx = [{}, {}]\ny = [{}, {}]\n\n[robots.robot1]"
