@@ -72,5 +72,5 @@ def listening(endpoint: str, domain: int, topics: tuple[str, ...]) -> Iterator[B
         for topic in topics:
             key = topic.strip("/")
             bus.subscribe(key)
-            bus.subscribe(f"{domain}/{key}/**", key)
+            bus.subscribe(f"{domain}/{key}/*/*", key)
         yield bus

@@ -15,6 +15,7 @@ TYPE = "geometry_msgs::msg::dds_::Twist_/TypeHashNotSupported"
 
 def test_listening_receives_only_its_topic_and_domain(endpoint: str) -> None:
     keys = {"cmd_vel": 0.1, f"7/cmd_vel/{TYPE}": 0.2, f"8/cmd_vel/{TYPE}": 0.3, "robot1/cmd_vel": 0.4}
+    keys |= {f"7/cmd_vel/raw/{TYPE}": 0.6}  # the topic /cmd_vel/raw
     with Bus(BusConfig(listen=(endpoint,), mode="router", name="bridge")) as bridge:
         for key in keys:
             bridge.advertise(command_topic("twist"), key)
