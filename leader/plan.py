@@ -12,11 +12,12 @@ from typing import Literal
 
 from formation.leader.cohesion import Cohesion
 from formation.leader.driving import Driver
+from formation.leader.joining import Joined, joined
 from formation.leader.relays import Relays
 from formation.leader.route import NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
-from formation.mission.route import Straight
+from formation.mission.route import Leg, Straight
 from formation.protocol.attachment import MAX_SIGNED_BYTES
 from formation.protocol.json_message import encode
 from formation.protocol.order import DRIVEN_ROUTE, Mode, Motion, Order, Slots, Tuned
@@ -171,6 +172,8 @@ class Plan:
         """Whether orders give the leader's velocity."""
         self._mission, self._fence, self._publisher_id = mission, Geofence(mission), publisher_id
         self._routes = {"": self.route}
+        # the path that it has joined: its legs, how far it was along it [m], and the route's id
+        self._path: tuple[tuple[Leg, ...], float, str] | None = None
 
     @property
     def wanted(self) -> PlacedShape:
@@ -363,9 +366,10 @@ class Plan:
         if why is not None:
             return False, why
         start, heading = self.where(), self.route.heading(self.route_time)
-        route = self.route
+        route, path = self.route, None
         if request.legs is not None:
-            route = NamedRoute.ordered(request.legs, start, heading)
+            path = self._joined(request.legs, start, heading) if request.joins else None
+            route = NamedRoute.ordered(path.legs if path else request.legs, start, heading)
         elif request.speed is not None and request.degrees is not None:
             leg = Straight(speed=request.speed, heading_deg=request.degrees)
             route = NamedRoute.ordered((leg,), start, heading)
@@ -374,6 +378,7 @@ class Plan:
         if why is not None:
             return False, why
         self.route = route
+        self._path = (request.legs, path.along, route.id) if request.legs and path else None
         self.learn(self.route)
         self.route_time, self.fenced = 0.0, None
         self.driver.end()
@@ -381,6 +386,12 @@ class Plan:
         lasts = "without an end" if math.isinf(self.route.total) else f"of {self.route.total:.3g} s"
         answer = f"on a route {lasts} from where it is{', once you order run' if waits else ''}"
         return True, f"{answer}; {notice}" if notice else answer
+
+    def _joined(self, legs: tuple[Leg, ...], place: complex, heading: complex) -> Joined:
+        """Return what is left of a path; of the one that it is on, what is left of that."""
+        known = self._path
+        same = known is not None and (known[0], known[2]) == (legs, self.route.id)
+        return joined(legs, place, heading, known[1] if known and same else 0.0)
 
     def _turned_back(self, placed_shape: PlacedShape) -> PlacedShape:
         """Return the shape with its rotation as in an order: with ``turning`` from the leader's heading."""

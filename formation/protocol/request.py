@@ -74,6 +74,8 @@ class OperatorRequest(JsonMessage):
     """With ``speed``: the leader's new speed, from its present position [m/s]."""
     legs: Legs | None = None
     """With ``route``: the leader's new route from its present position."""
+    joins: bool = False
+    """With ``route``: whether the leader joins it where it is, `formation.leader.joining`."""
     forward: Velocity | None = None
     """With ``drive``: the leader's speed along its heading; negative: backwards [m/s]."""
     turn_rate: Velocity | None = None
@@ -98,7 +100,7 @@ class OperatorRequest(JsonMessage):
     @property
     def spelled(self) -> dict[str, Any]:
         """Its given fields, for JSON."""
-        empty = {name for name in ("ends", "mission") if not getattr(self, name)}
+        empty = {name for name in ("ends", "mission", "joins") if not getattr(self, name)}
         return self.model_dump(mode="json", exclude_none=True, exclude=empty)
 
     @model_validator(mode="after")
@@ -108,6 +110,8 @@ class OperatorRequest(JsonMessage):
         some = self.do == "tune" and bool(given) and set(given) < set(takes)
         if self.ends and self.do not in {"release", "run"}:
             raise PydanticCustomError("ends", f"{self.do} ends nothing: only release and run do")
+        if self.joins and self.do != "route":
+            raise PydanticCustomError("joins", f"{self.do} joins nothing: only a route does")
         if not some and set(given) != set(takes):
             wanted = (" or " if self.do == "tune" else " and ").join(takes) or "nothing"
             raise PydanticCustomError("takes", f"{self.do} takes {wanted}")
