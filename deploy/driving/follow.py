@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.ros import add_router, listening, router, topic
@@ -12,6 +15,8 @@ from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
+from formation.mission.route import Straight
+from formation.protocol.outcome import Outcome
 from formation.protocol.request import OperatorRequest
 from formation.ros2.messages import WORLD_FRAME, Path, Pose, decode
 from formation.stability import intent
@@ -26,7 +31,9 @@ ANSWER_SECONDS = 3.0
 PERIOD_SECONDS = 0.1
 """Wait for messages, at most [s]."""
 MAX_WAYPOINTS = 300
-"""Most points of a route; of a longer path every other is left out, as often as needed."""
+"""Most points of a route; of a longer path those are left out that are closest to the line between others."""
+THINNING_TOLERANCE = 0.005
+"""Least distance from that line within which points are left out [m]; doubled as often as needed."""
 SPEED_SHARE = 0.6
 """Speed on the route by default, as a share of the greatest that followers can follow."""
 EXAMPLES = """\
@@ -35,8 +42,13 @@ EXAMPLES = """\
 
 Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path
 (nav_msgs/Path) a route along its points. Both must be in the frame map, the mission's world. The
-newest replaces the one before. The answers of the leader are printed. A fleet that is held stays
-held: `formation order MISSION run`.
+newest replaces the one before. A path may be sent again and again, as Nav2 does: the leader goes on
+from where it is. The answers of the leader are printed. A fleet that is held stays held:
+`formation order MISSION run`.
+
+The leader stands after a path without points, and after a goal or path that it cannot follow, until
+the next. It learns nothing of a goal that is cancelled in Nav2, or of the end of this command: order
+`hold`, or send a path without points.
 
 Exit code 130: interrupted; 2: nothing was started.
 """
@@ -57,22 +69,45 @@ def main(arguments: Sequence[str]) -> int:
         operator_bus(options, mission, mission.candidates) as bus,
         listening(*router(options), topics) as ros,
     ):
+        follower = Follower(partial(_give, bus, mission), mission, options.paths, speed)
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         while True:
             ros.wait(PERIOD_SECONDS)
             samples = ros.drain()
             if samples:
-                print(answer(bus, mission, samples[-1], options.paths, speed), flush=True)
+                print(follower.take(samples[-1]), flush=True)
 
 
-def answer(bus: Bus, mission: Mission, sample: Sample, paths: str | None, speed: float) -> str:
-    """Order the route of one message; return the answers in words."""
-    try:
-        request = route(mission, waypoints(sample, paths), speed)
-    except (BadMessage, ValueError) as error:
-        return f"{sample.key}: {error}"
-    recipients = asking.addressed(mission, request.do)
-    return asking.give(bus.question, recipients, request, ANSWER_SECONDS).words()
+class Follower:
+    """Orders a route for each goal or path."""
+
+    def __init__(
+        self, give: Callable[[OperatorRequest], Outcome], mission: Mission, paths: str | None, speed: float
+    ) -> None:
+        """`give` sends a request and awaits the answers; `paths` is the topic of paths; `speed` in m/s."""
+        self._give, self._mission, self._paths, self._speed = give, mission, paths, speed
+        self._follows = False  # whether the leader may be on a route from here
+
+    def take(self, sample: Sample) -> str:
+        """Order the route of one message; return the answers in words."""
+        try:
+            request = route(self._mission, waypoints(sample, self._paths), self._speed)
+        except (BadMessage, ValueError) as error:
+            return self._stand(f"{sample.key}: {error}")
+        outcome = self._give(request)
+        if outcome.refused:
+            return self._stand(outcome.words())
+        self._follows = True
+        return outcome.words()
+
+    def _stand(self, why: str) -> str:
+        """Let the leader stand that followed an earlier message; return `why`, and whether it stands."""
+        if not self._follows:
+            return why
+        outcome = self._give(standing(self._mission))
+        self._follows = not outcome.obeyed
+        then = "the leader stands until the next goal or path"
+        return f"{why}\n  {then if outcome.obeyed else f'NOT STOPPED: {outcome.summary()}'}"
 
 
 def waypoints(sample: Sample, paths: str | None) -> list[complex]:
@@ -86,9 +121,27 @@ def waypoints(sample: Sample, paths: str | None) -> list[complex]:
     points = list(path.positions)
     if not points:
         raise BadMessage("the path has no points")
+    tolerance, whole = THINNING_TOLERANCE, points
     while len(points) > MAX_WAYPOINTS:
-        points = [*points[:-1:2], points[-1]]
+        points, tolerance = thinned(whole, tolerance), 2.0 * tolerance
     return points
+
+
+def thinned(points: Sequence[complex], tolerance: float) -> list[complex]:
+    """Return a path without points that are within `tolerance` [m] of it without them (Douglas-Peucker)."""
+    whole, kept, open_parts = np.array(points), {0, len(points) - 1}, [(0, len(points) - 1)]
+    while open_parts:
+        first, last = open_parts.pop()
+        if last - first < 2:
+            continue
+        chord, way = whole[last] - whole[first], whole[first + 1 : last] - whole[first]
+        part = np.clip((way * chord.conjugate()).real / max(abs(chord) ** 2, 1e-12), 0.0, 1.0)
+        off = np.abs(way - part * chord)
+        if (farthest := int(np.argmax(off))) >= 0 and off[farthest] > tolerance:
+            middle = first + 1 + farthest
+            kept.add(middle)
+            open_parts += [(first, middle), (middle, last)]
+    return [points[number] for number in sorted(kept)]
 
 
 def _check_frame(frame: str) -> None:
@@ -100,7 +153,18 @@ def _check_frame(frame: str) -> None:
 def route(mission: Mission, points: Sequence[complex], speed: float) -> OperatorRequest:
     """Return the order of a route through `points` [m] at `speed` [m/s]. Raises ValueError."""
     places = [[round(point.real, 3), round(point.imag, 3)] for point in points]
-    return intent.request_for(mission, "route", legs=[{"waypoints": places, "speed": speed}])
+    request = intent.request_for(mission, "route", legs=[{"waypoints": places, "speed": speed}])
+    return request.model_copy(update={"joins": True})
+
+
+def standing(mission: Mission) -> OperatorRequest:
+    """Return the order to stand: a route that ends soon, on which the leader keeps its place and heading."""
+    request = intent.request_for(mission, "route", legs=[Straight(speed=0.0, heading_deg=0.0, duration=0.1)])
+    return request.model_copy(update={"joins": True})
+
+
+def _give(bus: Bus, mission: Mission, request: OperatorRequest) -> Outcome:
+    return asking.give(bus.question, asking.addressed(mission, request.do), request, ANSWER_SECONDS)
 
 
 def _options() -> argparse.ArgumentParser:

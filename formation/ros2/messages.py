@@ -22,7 +22,7 @@ from typing import ClassVar, NamedTuple, Self, TypeVar
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
 from formation.ros2.laser_scan import LaserScan
-from formation.ros2.ros import BY_TYPE, Message
+from formation.ros2.ros import BY_TYPE, MAX_PAYLOAD_BYTES, Message
 from formation.wire import BadMessage
 
 __all__ = [
@@ -53,8 +53,6 @@ __all__ = [
     "type_hash",
 ]
 
-MAX_PAYLOAD_BYTES = 64 * 1024
-"""Greatest size of a payload that is read; an Odometry has 724 bytes."""
 WORLD_FRAME = "map"
 """Name of the world frame in messages and transforms."""
 
@@ -170,6 +168,8 @@ class Path(Message):
     ROS_TYPE: ClassVar[str] = "nav_msgs/msg/Path"
     DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n"
     TYPE_HASH: ClassVar[str] = "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b"
+    MAX_BYTES: ClassVar[int] = 1024 * 1024
+    """Planners give a pose of 72 bytes for each 2 to 5 cm: enough for 300 m."""
     stamp: float
     """[s, sender's system clock]"""
     positions: tuple[complex, ...]
@@ -185,9 +185,12 @@ class Path(Message):
     @classmethod
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
-        positions = []
+        positions: list[complex] = []
         for _ in range(source.count()):
-            ros.read_header(source)
+            _, own = ros.read_header(source)
+            if own.removeprefix("/") not in {"", frame.removeprefix("/")}:
+                number = len(positions) + 1
+                raise BadMessage(f"pose {number} is in frame {own}, the path in frame {frame or 'none'}")
             positions.append(ros.read_pose(source)[0])
         return cls(stamp, tuple(positions), frame)
 
@@ -432,16 +435,16 @@ def encode(message: Message) -> bytes:
     to = Writer()
     message._write(to)  # noqa: SLF001 - the two halves of one codec
     payload = to.written()
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise BadMessage(f"{message.ROS_TYPE}: {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} may be sent")
+    if len(payload) > message.MAX_BYTES:
+        raise BadMessage(f"{message.ROS_TYPE}: {len(payload)} bytes, at most {message.MAX_BYTES} may be sent")
     return payload
 
 
 def decode(cls: type[M], payload: bytes) -> M:
     """Decode a `cls` from CDR of either byte order. Raises BadMessage, nothing else, if it is invalid."""
     try:
-        if len(payload) > MAX_PAYLOAD_BYTES:
-            raise BadMessage(f"{len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are read")
+        if len(payload) > cls.MAX_BYTES:
+            raise BadMessage(f"{len(payload)} bytes, at most {cls.MAX_BYTES} are read")
         source = Reader(payload)
         message = cls._read(source)
         source.end()

@@ -15,6 +15,8 @@ from typing import ClassVar, Self
 from formation.ros2.cdr import Reader, Writer
 from formation.wire import BadMessage
 
+MAX_PAYLOAD_BYTES = 64 * 1024
+"""Greatest size of a payload that is read, of most types; an Odometry has 724 bytes."""
 MAX_POSITION = 1e6
 """[m]"""
 MAX_SPEED = 1e3
@@ -38,6 +40,8 @@ class Message(ABC):
     """Its fields and constants in ROS 2 Jazzy; `messages.NESTED` has the types of its fields."""
     TYPE_HASH: ClassVar[str]
     """RIHS01 in ROS 2 Jazzy, as rmw_zenoh writes it into keys."""
+    MAX_BYTES: ClassVar[int] = MAX_PAYLOAD_BYTES
+    """Greatest size that is sent or read."""
 
     def __init_subclass__(cls) -> None:
         """Enter the class in the table."""

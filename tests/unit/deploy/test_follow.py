@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import cmath
+from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from formation.deploy.driving import follow
-from formation.deploy.driving.follow import MAX_WAYPOINTS, route, waypoints
+from formation.deploy.driving.follow import (
+    MAX_WAYPOINTS,
+    Follower,
+    route,
+    standing,
+    thinned,
+    waypoints,
+)
 from formation.deploy.refusal import Refusal
+from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load
-from formation.mission.route import Waypoints
-from formation.ros2.messages import Path, Pose, encode
+from formation.mission.route import Straight, Waypoints
+from formation.protocol.outcome import Answer, Outcome
+from formation.protocol.request import OperatorReply, OperatorRequest
+from formation.ros2.messages import Message, Path, Pose, encode
+from formation.transport import asking
 from formation.wire import BadMessage, Sample
 
 CONVOY = load("convoy")
@@ -36,6 +50,100 @@ def test_long_path_becomes_route_with_limited_waypoints() -> None:
     assert len(found) <= MAX_WAYPOINTS + 1
     assert (found[0], found[-1]) == (points[0], points[-1])
     assert route(CONVOY, found, 0.1).legs is not None
+
+
+def test_longest_path_keeps_corners_within_tolerance() -> None:
+    side = [0.025 * number for number in range(4000)]
+    points = (*(complex(x, 0.0) for x in side), *(complex(side[-1], y) for y in side))
+    found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
+    assert found == [points[0], points[4000], points[-1]]
+
+
+@given(
+    st.lists(st.complex_numbers(max_magnitude=50.0), min_size=1, max_size=40), st.sampled_from([0.01, 1.0])
+)
+def test_thinned_path_stays_within_tolerance(points: list[complex], tolerance: float) -> None:
+    left = thinned(points, tolerance)
+    assert (left[0], left[-1]) == (points[0], points[-1])
+    for point in points:
+        gaps = [_distance(point, a, b) for a, b in pairwise(left)] or [abs(point - left[0])]
+        assert min(gaps) <= tolerance + 1e-6
+
+
+def _distance(point: complex, a: complex, b: complex) -> float:
+    size = abs(b - a)
+    part = 0.0 if size == 0.0 else ((point - a) * ((b - a) / size).conjugate()).real / size
+    return abs(point - a - min(max(part, 0.0), 1.0) * (b - a))
+
+
+def test_path_with_poses_of_another_frame_is_refused() -> None:
+    payload = encode(Path(1.0, (0j, 1.0 + 0j), frame="lap"))
+    with pytest.raises(BadMessage, match="pose 1 is in frame lap, the path in frame map"):
+        waypoints(Sample("plan", payload.replace(b"lap", b"map", 1), None, 0.0), "/plan")
+
+
+class Leader:
+    """Answers each request as a leader does that obeys, unless told to refuse."""
+
+    def __init__(self) -> None:
+        self.requests: list[OperatorRequest] = []
+        self.refuses: list[bool] = []
+
+    def give(self, request: OperatorRequest) -> Outcome:
+        self.requests.append(request)
+        refuses = self.refuses.pop() if self.refuses else False
+        (name,) = CONVOY.candidates
+        reply = OperatorReply(robot=name, ok=not refuses, mode="run", reason="out of bounds", leads=True)
+        return Outcome(request, asking.addressed(CONVOY, "route"), {name: Answer(reply, 1.0)}, 0.0, 3.0)
+
+
+BAD_MESSAGES = {
+    "no points": Path(1.0, ()),
+    "must be map": Path(1.0, (1.0 + 0j,), frame="odom"),
+    "out of bounds": Path(1.0, (900.0 + 0j,)),
+}
+
+
+@pytest.mark.parametrize("why", BAD_MESSAGES)
+def test_leader_stands_after_path_that_it_cannot_follow(why: str) -> None:
+    leader = Leader()
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1)
+
+    def take(message: Message) -> str:
+        return follower.take(Sample("plan", encode(message), None, 0.0))
+
+    assert "stands" not in take(BAD_MESSAGES["no points"])  # the leader is on another's route
+    take(Path(1.0, (0j, 1.0 + 0j)))
+    leader.refuses = [False, True] if why == "out of bounds" else []
+    says = take(BAD_MESSAGES[why])
+    assert why in says
+    assert "the leader stands until the next goal or path" in says
+    (leg,) = leader.requests[-1].legs or ()
+    assert isinstance(leg, Straight)
+    assert (leg.speed, leader.requests[-1].joins) == (0.0, True)
+    asked = len(leader.requests)
+    take(BAD_MESSAGES["no points"])
+    assert len(leader.requests) == asked  # it stands already
+
+
+def test_robots_follow_path_that_is_planned_every_second(rehearsed_fleet: MakeRehearsed) -> None:
+    """Each path begins at the leader's robot, which is behind the leader's point."""
+    fleet = rehearsed_fleet("convoy")
+    fleet.run(2.0)
+    begin, goal = fleet.position("robot1"), fleet.position("robot1") + 1.2
+    for _ in range(14):
+        here = fleet.position("robot1")
+        plan = Path(1.0, tuple(here + (goal - here) * number / 40 for number in range(41)))
+        found = waypoints(Sample("plan", encode(plan), None, 0.0), "/plan")
+        request = route(CONVOY, found, 0.1)
+        fleet._operator.order("route", legs=request.legs, joins=request.joins)
+        fleet.run(1.0)
+    assert abs(fleet.position("robot1") - begin) > 1.1
+    assert fleet.error() < 0.1
+    fleet._judge.expect("hold")
+    fleet._operator.order("route", legs=standing(CONVOY).legs, joins=True)
+    fleet.run(3.0)
+    assert {fleet.command(name).speed for name in CONVOY.followers} <= {-0.01, 0.0, 0.01}
 
 
 def test_empty_path_and_excessive_speed_are_refused() -> None:
