@@ -44,6 +44,11 @@ ROUTE_RATE = 1.0
 """Rate of route messages [Hz]."""
 CERTIFICATE_RATE = 1.0
 """Rate of certificates [Hz]."""
+MAX_BEAT_LEAD = 0.1
+"""By how much beats of changed orders may be ahead of time, if that is over a period [s].
+
+Later orders look as late to robots: they refuse them over 1 s, and hold over 0.3 s if the leader is driven.
+"""
 CATCH_UP_TIME = 5.0
 """How long after the first relayed order a new leader still takes a stop or a hold from before it [s]."""
 FORGERY_TIME = 10.0
@@ -105,6 +110,7 @@ class Leader:
         self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._in_force: tuple[object, ...] = ()  # the fleet's order as sent since the last step
         self._mode: Mode = "hold"  # since the last step
+        self._unsent = False  # whether the order has changed and waits for its period
         self._waiting: tuple[str, ...] = ()
         self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
         self._stepped: float | None = None  # when that was [s, monotonic]
@@ -208,9 +214,8 @@ class Leader:
                 self.dropped[sample.key] += 1
         outbox = self._voted(self.candidacy.step(now))
         changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
-        if self._leads and (self.rate.tick(now.mono) or changed):
-            certify = not changed or self.beat == 0
-            outbox.append(self._position(now, self.mode, changed=changed, certify=certify))
+        if self._leads:
+            outbox += self._positions(now, changed=changed)
         if self.mission.standbys and (self._route_rate.tick(now.mono) or changed):
             outbox += self._route_message()
         if self._status_rate.tick(now.mono) or changed or self.operator_requests.unpublished:
@@ -449,6 +454,25 @@ class Leader:
         payload = self.plan.route.payload
         return [] if payload is None else [Outgoing(ROUTE.key(self.name), payload)]
 
+    def _positions(self, now: Now, *, changed: bool) -> list[Outgoing]:
+        """Return its position if it is due, or if the order has `changed`; too many changes wait until then.
+
+        A hold or a stop does not wait.
+        """
+        changed |= self._unsent
+        ahead = (self.beat + 1 - self._periods(now.mono)) * self.rate.period
+        early = self.beat > 0 and self.mode == "run" and ahead > max(MAX_BEAT_LEAD, self.rate.period)
+        due = self.rate.tick(now.mono)
+        self._unsent = changed and early and not due
+        if not due and (not changed or self._unsent):
+            return []
+        certify = not changed or self.beat == 0
+        return [self._position(now, self.mode, changed=changed, certify=certify)]
+
+    def _periods(self, mono: float) -> int:
+        """Return the number of periods of this term by `mono` [s], the present one included."""
+        return 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self.rate.period)
+
     def _next_beat(self, mono: float, *, changed: bool) -> int:
         """Return the next beat. Beats count periods, missed ones too, so they tell how late an order is.
 
@@ -457,7 +481,7 @@ class Leader:
         if self.beat == 0:
             self._began = mono
             self.plan.relays.begin()
-        periods = 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self.rate.period)
+        periods = self._periods(mono)
         return max(self.beat + (1 if changed or self.beat == 0 else 0), periods)
 
     def _position(self, now: Now, mode: Mode, *, changed: bool, certify: bool = False) -> Outgoing:

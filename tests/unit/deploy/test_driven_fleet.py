@@ -8,6 +8,7 @@ from formation.control.unicycle import AT_REST
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import read
+from formation.mission.route import Waypoints
 from tests.campaigns.defects.plan import MISSIONS
 from tests.campaigns.driving.__main__ import FAILURES
 from tests.support.examples import slow
@@ -76,6 +77,20 @@ def test_all_robots_stand_soon_after_a_failure(
     FAILURES[failure](fleet)
     fleet.run(STAND_SECONDS)
     assert at_rest(fleet)
+
+
+def test_robots_follow_after_goals_at_high_rate(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("convoy")
+    fleet.run(2.0)
+    for number in range(100):
+        leg = Waypoints(waypoints=((2.0, 0.002 * number),), speed=0.1)
+        fleet._operator.order("route", legs=(leg,))
+        fleet.run(0.005)
+    fleet.run(3.0)
+    assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}
+    place = fleet.position("robot4")
+    fleet.drive(0.1, seconds=4.0)
+    assert abs(fleet.position("robot4") - place) > 0.2
 
 
 def test_leader_stays_with_dead_robot_in_its_place(rehearsed_fleet: MakeRehearsed) -> None:

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import json
 import random
 
 import pytest
 
+from formation.leader.core import MAX_BEAT_LEAD
 from formation.mission.route import Route
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code
@@ -55,6 +57,27 @@ def test_beat_rises_with_every_position_in_every_mode() -> None:
     assert [one.order.beat for one in result] == list(range(1, len(result) + 1))
     assert len({one.order.term for one in result}) == 1
     assert len(result) >= 100
+
+
+def test_burst_of_orders_does_not_put_beats_ahead() -> None:
+    """Robots take later orders for late, and refuse them for a minute."""
+    leader, sent = about_to_lead(), []
+    for number in range(2000):
+        mono = 0.001 * number
+        order = {"do": "speed", "speed": 0.1 + 0.0001 * number, "degrees": 0.0, "id": f"speed-{number}"}
+        ask(leader, json.dumps(order), mono)
+        sent += positions(mono, leader.step(at(mono), []))
+    period = leader.rate.period
+    assert all((one.order.beat - 1) * period <= one.mono + MAX_BEAT_LEAD + period for one in sent)
+    (newest,) = {one.order.route for one in drive(leader, 2.0 + period, period)}
+    assert newest == leader.plan.route.id
+    ask(leader, "hold", 2.2)
+    ask(leader, "run", 2.2)
+    ask(leader, json.dumps({"do": "speed", "speed": 0.3, "degrees": 0.0, "id": "last"}), 2.201)
+    leader.step(at(2.202), [])
+    ask(leader, "stop", 2.203)
+    (at_once,) = positions(2.204, leader.step(at(2.204), []))
+    assert at_once.order.mode == "stop"
 
 
 def test_hold_pauses_route_time_until_run() -> None:
