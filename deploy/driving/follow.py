@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -29,7 +30,7 @@ from formation.wire import BadMessage, Sample
 ANSWER_SECONDS = 3.0
 """Wait for the answer to an order [s]."""
 PERIOD_SECONDS = 0.1
-"""Wait for messages, at most [s]."""
+"""Wait for messages, at most, and from one answer to the next order [s]."""
 MAX_WAYPOINTS = 300
 """Most points of a route; of a longer path those are left out that are closest to the line between others."""
 THINNING_TOLERANCE = 0.005
@@ -76,6 +77,7 @@ def main(arguments: Sequence[str]) -> int:
             samples = ros.drain()
             if samples:
                 print(follower.take(samples[-1]), flush=True)
+                time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
 
 
 class Follower:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import cmath
+from contextlib import nullcontext
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -124,6 +126,25 @@ def test_leader_stands_after_path_that_it_cannot_follow(why: str) -> None:
     asked = len(leader.requests)
     take(BAD_MESSAGES["no points"])
     assert len(leader.requests) == asked  # it stands already
+
+
+def test_of_many_goals_ten_per_second_become_orders(monkeypatch: pytest.MonkeyPatch) -> None:
+    goal, leader, pauses = Sample("goal_pose", encode(Pose(1.0, 1.0 + 0j, 1j)), None, 0.0), Leader(), []
+
+    def pause(seconds: float) -> None:
+        pauses.append(seconds)
+        if len(pauses) == 3:
+            raise KeyboardInterrupt
+
+    bus = SimpleNamespace(wait=lambda _: True, drain=lambda: [goal] * 100)
+    monkeypatch.setattr(follow, "operator_bus", lambda *_: nullcontext(bus))
+    monkeypatch.setattr(follow, "listening", lambda *_: nullcontext(bus))
+    monkeypatch.setattr(follow, "_give", lambda _bus, _mission, request: leader.give(request))
+    monkeypatch.setattr("time.sleep", pause)
+    with pytest.raises(KeyboardInterrupt):
+        follow.main(["convoy", "--goals", "/goal_pose"])
+    assert pauses == [0.1] * 3
+    assert len(leader.requests) == 3
 
 
 def test_robots_follow_path_that_is_planned_every_second(rehearsed_fleet: MakeRehearsed) -> None:
