@@ -21,7 +21,8 @@ from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
-from formation.ros2.messages import Twist, decode
+from formation.ros2.cdr import MAX_PADDING_BYTES
+from formation.ros2.messages import Twist, TwistStamped, decode, encode
 from formation.stability.driving import first_limits
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
@@ -40,7 +41,7 @@ EXAMPLES = f"""\
   formation drive convoy                       with the keys of this terminal
   formation drive convoy --speed 0.1           at most 0.1 m/s
   formation drive convoy --gamepad             /dev/input/js0: hold the left shoulder button, left stick
-  formation drive convoy --topic /cmd_vel      a ROS topic of geometry_msgs/Twist, as of teleop_twist_joy
+  formation drive convoy --topic /cmd_vel      a ROS topic of Twist or TwistStamped, as of teleop_twist_joy
 
 {KEYS}
 When you let go of a gamepad's button, the leader orders all robots to hold at once. Keys: up to 0.6 s after
@@ -162,7 +163,7 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
     def read() -> Share:
         for sample in bus.drain():
             try:
-                twist = decode(Twist, sample.payload)
+                twist = decode(_type_of(sample.payload), sample.payload)
             except BadMessage as bad:
                 raise Ended(1, f"{sample.key}: {bad}") from None
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
@@ -170,6 +171,12 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
 
     with listening(*router(options), (options.topic,)) as bus:
         yield read
+
+
+def _type_of(payload: bytes) -> type[Twist | TwistStamped]:
+    """Return the type of a command's message, which the key names only with rmw_zenoh: a Twist is shorter."""
+    longest = len(encode(Twist(0.0, 0.0))) + MAX_PADDING_BYTES
+    return Twist if len(payload) <= longest else TwistStamped
 
 
 @contextmanager
@@ -239,7 +246,10 @@ def _options() -> argparse.ArgumentParser:
         help="a Linux joystick (default /dev/input/js0): hold its left shoulder button",
     )
     source.add_argument(
-        "--topic", type=topic, metavar="TOPIC", help="geometry_msgs/Twist messages of this ROS topic"
+        "--topic",
+        type=topic,
+        metavar="TOPIC",
+        help="geometry_msgs/Twist or TwistStamped messages of this ROS topic; stamps do not count",
     )
     limit = number(0.0, 100.0, open_below=True)
     options.add_argument(

@@ -34,7 +34,7 @@ from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply, OperatorRequest
-from formation.ros2.messages import Twist, encode
+from formation.ros2.messages import Twist, TwistStamped, encode
 from formation.transport.runtime import clock
 from formation.wire import Sample
 
@@ -147,6 +147,16 @@ def test_twist_expires_after_the_machine_was_suspended(monkeypatch: pytest.Monke
     with drive._topic(options, Twists(0.2, 1.0)) as read:
         assert read() == Share(0.5, 0.0)
         assert read() == RELEASED
+
+
+@pytest.mark.parametrize("frame", ["", "base_link"])
+def test_stamped_twist_counts_as_twist(monkeypatch: pytest.MonkeyPatch, frame: str) -> None:
+    """TurtleBot3's teleop_keyboard sends it with Jazzy; a wrong clock of its computer does not matter."""
+    stamped = encode(TwistStamped(1e9, 0.1, -0.5, frame))
+    sample = Sample("cmd_vel", stamped, None, clock.monotonic())
+    monkeypatch.setattr(drive, "listening", lambda *_: nullcontext(SimpleNamespace(drain=lambda: [sample])))
+    with drive._topic(Namespace(ros="", topic="/cmd_vel", domain=0), Twists(0.2, 1.0)) as read:
+        assert read() == Share(0.5, -0.5)
 
 
 @pytest.mark.parametrize("speed", [math.nan, math.inf])
