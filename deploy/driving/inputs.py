@@ -42,6 +42,8 @@ KEY_SECONDS = 0.15
 """Time for which a repeated press counts [s]."""
 DEAD_ZONE = 0.1
 """Deflection of a stick that counts as none."""
+MIN_TWIST_SHARE = 1e-3
+"""Share of the greatest speed up to which a Twist's counts as none: rounding, or noise of a stick."""
 TWIST_SECONDS = 0.3
 """Time for which a Twist message counts [s]."""
 EVENT = struct.Struct("<IhBB")
@@ -140,7 +142,8 @@ class Twists:
 
     def take(self, forward: float, turn_rate: float, arrived: float) -> None:
         """Take a message that arrived then [s, monotonic]: its speeds [m/s; rad/s]."""
-        self._newest = Share(clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
+        shares = (clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
+        self._newest = Share(*(one if abs(one) > MIN_TWIST_SHARE else 0.0 for one in shares))
         self._until = arrived + TWIST_SECONDS
 
     def velocity(self, now: float) -> Share:

@@ -135,6 +135,14 @@ def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
     assert twists.velocity(1.0 + TWIST_SECONDS) == RELEASED
 
 
+@pytest.mark.parametrize("tiny", [5e-324, -1e-9, 1e-4])
+def test_tiny_twist_lets_go(tiny: float) -> None:
+    """The leader would run, and robots close their errors, though the driver wants to stand."""
+    twists = Twists(0.2, 1.0)
+    twists.take(tiny, -tiny, 1.0)
+    assert twists.velocity(1.1) == RELEASED
+
+
 def test_twist_expires_after_the_machine_was_suspended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clock, "_SUSPENDED", clock._SUSPENDED - 3600.0)  # for an hour, since the start
     samples = [
