@@ -93,14 +93,18 @@ class Follower:
     def take(self, sample: Sample) -> str:
         """Order the route of one message; return the answers in words."""
         try:
-            request = route(self._mission, waypoints(sample, self._paths), self._speed)
+            points = waypoints(sample, self._paths)
+            request = route(self._mission, points, self._speed)
         except (BadMessage, ValueError) as error:
             return self._stand(f"{sample.key}: {error}")
         outcome = self._give(request)
+        words = (
+            f"{sample.key}: to x = {points[-1].real:.2f} m, y = {points[-1].imag:.2f} m\n{outcome.words()}"
+        )
         if outcome.refused:
-            return self._stand(outcome.words())
+            return self._stand(words)
         self._follows = True
-        return outcome.words()
+        return words
 
     def _stand(self, why: str) -> str:
         """Let the leader stand that followed an earlier message; return `why`, and whether it stands."""

@@ -115,7 +115,7 @@ def test_leader_stands_after_path_that_it_cannot_follow(why: str) -> None:
         return follower.take(Sample("plan", encode(message), None, 0.0))
 
     assert "stands" not in take(BAD_MESSAGES["no points"])  # the leader is on another's route
-    take(Path(1.0, (0j, 1.0 + 0j)))
+    assert "plan: to x = 1.00 m, y = -2.00 m\n" in take(Path(1.0, (0j, 1.0 - 2j)))
     leader.refuses = [False, True] if why == "out of bounds" else []
     says = take(BAD_MESSAGES[why])
     assert why in says
