@@ -94,6 +94,10 @@ class Driver:
         """Whether its velocity counts at `moment` [s, monotonic], and is not zero."""
         return moment < self.until and self.wanted != STANDS
 
+    def drives(self, moment: float) -> bool:
+        """Whether a velocity that is not zero has counted lately at `moment` [s, monotonic]."""
+        return moment - self._moved < IDLE_SECONDS
+
     def stand(self) -> None:
         """Start the next motion from rest."""
         self.velocity = STANDS
@@ -144,7 +148,7 @@ class Driver:
     def _refusal(self, name: str, one: _Known, moment: float) -> str:
         """Return why the newest velocity of a driver does not count; empty if it does."""
         other = name != self.name and moment < self.until
-        if other and moment - self._moved < IDLE_SECONDS:
+        if other and self.drives(moment):
             return f"{self.name} drives"
         if one.begins and not other:
             return ""

@@ -11,7 +11,7 @@ import math
 from typing import Literal
 
 from formation.leader.cohesion import Cohesion
-from formation.leader.driving import Driver
+from formation.leader.driving import IDLE_SECONDS, Driver
 from formation.leader.joining import Joined, joined
 from formation.leader.relays import Relays
 from formation.leader.route import NamedRoute
@@ -351,10 +351,13 @@ class Plan:
             driven=self.driven,
         )
 
-    def obey(self, request: OperatorRequest, fact: str) -> Result:
-        """Obey an operator's request; `fact` is the id of a stop or a hold that results."""
+    def obey(self, request: OperatorRequest, fact: str, received: float) -> Result:
+        """Obey a request of `received` [s, monotonic]; `fact` is the id of a stop or a hold that results."""
         if request.do in MOTION:
             return self.team_mode.change(request, fact)
+        if request.joins and self.driven and self.driver.drives(received):
+            why = f"{self.driver.name} drives by hand; goals and paths count {IDLE_SECONDS:g} s later"
+            return Result(ok=False, reason=why, code="driven")
         if request.do in {"speed", "route"}:
             return Result(*self._set_out(request))
         if request.do == "tune":

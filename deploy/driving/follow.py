@@ -45,7 +45,8 @@ Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader 
 (nav_msgs/Path) a route along its points. Both must be in the frame map, the mission's world. The
 newest replaces the one before. A path may be sent again and again, as Nav2 does: the leader goes on
 from where it is. The answers of the leader are printed. A fleet that is held stays held:
-`formation order MISSION run`.
+`formation order MISSION run`. While a driver moves the leader by hand, and 1 s longer, it refuses
+goals and paths.
 
 The leader stands after a path without points, and after a goal or path that it cannot follow, until
 the next. It learns nothing of a goal that is cancelled in Nav2, or of the end of this command: order
@@ -101,6 +102,8 @@ class Follower:
         words = (
             f"{sample.key}: to x = {points[-1].real:.2f} m, y = {points[-1].imag:.2f} m\n{outcome.words()}"
         )
+        if any(answer.reply.code == "driven" for answer in outcome.answers.values()):
+            return words
         if outcome.refused:
             return self._stand(words)
         self._follows = True

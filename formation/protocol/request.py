@@ -38,6 +38,7 @@ ReplyCode = Literal[
     "stopped",
     "first",
     "other-mission",
+    "driven",
 ]
 """Code of an answer, for programs; empty: only whether it obeys.
 
@@ -45,7 +46,7 @@ ReplyCode = Literal[
 ``nothing``: there was nothing to release; ``unnamed``: a release or a run must name what it ends;
 ``another``: it names another stop or hold than the one in force; ``stopped``: refused while stopped;
 ``first``: a driver's first request, which only fetches a token; ``other-mission``: it runs another mission
-than the request's.
+than the request's; ``driven``: a route that joins is refused, as a driver moves the leader by hand.
 """
 UNREACHED: frozenset[ReplyCode] = frozenset({"no-link", "no-listener", "readonly"})
 """Codes of an agent that cannot reach its robot."""

@@ -25,7 +25,7 @@ from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load
 from formation.mission.route import Straight, Waypoints
 from formation.protocol.outcome import Answer, Outcome
-from formation.protocol.request import OperatorReply, OperatorRequest
+from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode
 from formation.ros2.messages import Message, Path, Pose, encode
 from formation.transport import asking
 from formation.wire import BadMessage, Sample
@@ -90,12 +90,15 @@ class Leader:
     def __init__(self) -> None:
         self.requests: list[OperatorRequest] = []
         self.refuses: list[bool] = []
+        self.code: ReplyCode = ""
 
     def give(self, request: OperatorRequest) -> Outcome:
         self.requests.append(request)
         refuses = self.refuses.pop() if self.refuses else False
         (name,) = CONVOY.candidates
-        reply = OperatorReply(robot=name, ok=not refuses, mode="run", reason="out of bounds", leads=True)
+        reply = OperatorReply(
+            robot=name, ok=not refuses, mode="run", reason="out of bounds", code=self.code, leads=True
+        )
         return Outcome(request, asking.addressed(CONVOY, "route"), {name: Answer(reply, 1.0)}, 0.0, 3.0)
 
 
@@ -126,6 +129,16 @@ def test_leader_stands_after_path_that_it_cannot_follow(why: str) -> None:
     asked = len(leader.requests)
     take(BAD_MESSAGES["no points"])
     assert len(leader.requests) == asked  # it stands already
+
+
+def test_path_refused_during_drive_stops_no_leader() -> None:
+    leader = Leader()
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1)
+    path = Sample("plan", encode(Path(1.0, (0j, 1.0 + 0j))), None, 0.0)
+    follower.take(path)
+    leader.refuses, leader.code = [True], "driven"
+    assert "stands" not in follower.take(path)
+    assert len(leader.requests) == 2
 
 
 def test_of_many_goals_ten_per_second_become_orders(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from formation.leader.core import Leader
 from formation.leader.driving import ramped
 from formation.leader.relays import Relays
 from formation.mission.file import parse, read
+from formation.mission.route import Waypoints
 from formation.protocol import json_message
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.protocol.reasons import Code, Reason
@@ -238,6 +239,29 @@ def test_driver_must_let_go_and_drive_again_after_ordered_route(held: float) -> 
     assert leader.mode == "run"
     driver.hold_stick(end + 0.05, 0.2, 0.1)
     assert (leader.mode, leader.plan.route.id) == ("run", "driven")
+
+
+def test_repeated_path_does_not_end_drive() -> None:
+    leader, driver, end = driven()
+    path = OperatorRequest(do="route", legs=(Waypoints(waypoints=((3.0, 0.0),), speed=0.1),), joins=True)
+
+    def send_path(now: float) -> OperatorReply:
+        aged = path.model_copy(update={"id": f"path-{now}"})
+        return json_message.decode(OperatorReply, leader.request(json_message.encode(aged), now))
+
+    reply = send_path(end + 0.01)
+    assert (reply.ok, reply.code) == (False, "driven")
+    assert "driver-1 drives by hand" in reply.reason
+    end = driver.hold_stick(end + 0.05, 0.5, 0.1)
+    assert (leader.mode, leader.plan.route.id) == ("run", "driven")
+    end = driver.hold_stick(end + 0.05, 0.8, 0.0)
+    assert not send_path(end + 0.01).ok
+    end = driver.hold_stick(end + 0.05, 0.3, 0.0)
+    assert send_path(end + 0.01).ok
+    end = driver.hold_stick(end + 0.05, 0.5, 0.0)
+    assert leader.plan.route.id != "driven"
+    driver.hold_stick(end + 0.05, 0.5, -0.1)
+    assert leader.plan.route.id == "driven"
 
 
 def test_driver_that_had_let_go_drives_on_after_ordered_route() -> None:
