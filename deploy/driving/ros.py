@@ -14,6 +14,8 @@ from formation.transport.bus_config import BusConfig
 
 MAX_DOMAIN = 232
 """Greatest ROS domain id."""
+MAX_WAITING = 64
+"""Most messages that wait to be read: of more the oldest are lost, as only the newest count."""
 TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 """Names of ROS topics."""
 ROUTER = "tcp/127.0.0.1:7447"
@@ -68,7 +70,7 @@ def listening(endpoint: str, domain: int, topics: tuple[str, ...]) -> Iterator[B
     the robot's name in that place. Raises BusError.
     """
     config = BusConfig(connect=(endpoint,), mode="client", name="driver", connect_flag="--ros")
-    with Bus(config) as bus:
+    with Bus(config, capacity=MAX_WAITING) as bus:
         for topic in topics:
             key = topic.strip("/")
             bus.subscribe(key)

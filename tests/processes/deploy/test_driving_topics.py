@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from formation.deploy.driving.ros import listening
+from formation.deploy.driving.ros import MAX_WAITING, listening
 from formation.ros2.messages import Twist, encode
 from formation.topics import command_topic
 from formation.transport.bus import Bus
@@ -31,3 +31,23 @@ def test_listening_receives_only_its_topic_and_domain(endpoint: str) -> None:
                 time.sleep(0.05)
                 received |= {sample.payload for sample in bus.drain()}
     assert received == wanted
+
+
+def test_newest_of_many_waiting_messages_are_kept(endpoint: str) -> None:
+    """A path may be large, and the leader's answer may take 3 s."""
+    with Bus(BusConfig(listen=(endpoint,), mode="router", name="bridge")) as bridge:
+        bridge.advertise(command_topic("twist"), "cmd_vel", waits=True)
+        with listening(endpoint, 0, ("/cmd_vel",)) as bus:
+            deadline, newest = time.monotonic() + 20.0, encode(Twist(0.9, 0.0))
+            while not bridge.watched("cmd_vel"):
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            for number in range(2 * MAX_WAITING):
+                bridge.publish("cmd_vel", encode(Twist(0.001 * number, 0.0)))
+            bridge.publish("cmd_vel", newest)
+            while bus.received["cmd_vel"] <= 2 * MAX_WAITING:
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            samples = bus.drain()
+    assert len(samples) == MAX_WAITING
+    assert samples[-1].payload == newest
