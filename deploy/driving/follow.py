@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NoReturn
 
 import numpy as np
 
@@ -37,6 +38,7 @@ THINNING_TOLERANCE = 0.005
 """Least distance from that line within which points are left out [m]; doubled as often as needed."""
 SPEED_SHARE = 0.6
 """Speed on the route by default, as a share of the greatest that followers can follow."""
+END = "to end it: formation order MISSION hold"
 EXAMPLES = """\
   formation follow convoy --goals /goal_pose         RViz: 2D Goal Pose
   formation follow convoy --paths /plan --speed 0.1  the path of Nav2's planner
@@ -73,12 +75,21 @@ def main(arguments: Sequence[str]) -> int:
     ):
         follower = Follower(partial(_give, bus, mission), mission, options.paths, speed)
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
-        while True:
-            ros.wait(PERIOD_SECONDS)
-            samples = ros.drain()
-            if samples:
-                print(follower.take(samples[-1]), flush=True)
-                time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
+        try:
+            _follow(ros, follower)
+        finally:
+            if follower.follows:
+                print(f"\nformation: the leader goes on along its route; {END}", file=sys.stderr)
+
+
+def _follow(ros: Bus, follower: Follower) -> NoReturn:
+    """Print the answers to the newest message, again and again."""
+    while True:
+        ros.wait(PERIOD_SECONDS)
+        samples = ros.drain()
+        if samples:
+            print(follower.take(samples[-1]), flush=True)
+            time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
 
 
 class Follower:
@@ -89,7 +100,8 @@ class Follower:
     ) -> None:
         """`give` sends a request and awaits the answers; `paths` is the topic of paths; `speed` in m/s."""
         self._give, self._mission, self._paths, self._speed = give, mission, paths, speed
-        self._follows = False  # whether the leader may be on a route from here
+        self.follows = False
+        """Whether the leader may be on a route from here."""
 
     def take(self, sample: Sample) -> str:
         """Order the route of one message; return the answers in words."""
@@ -106,15 +118,15 @@ class Follower:
             return words
         if outcome.refused:
             return self._stand(words)
-        self._follows = True
+        self.follows = True
         return words
 
     def _stand(self, why: str) -> str:
         """Let the leader stand that followed an earlier message; return `why`, and whether it stands."""
-        if not self._follows:
+        if not self.follows:
             return why
         outcome = self._give(standing(self._mission))
-        self._follows = not outcome.obeyed
+        self.follows = not outcome.obeyed
         then = "the leader stands until the next goal or path"
         return f"{why}\n  {then if outcome.obeyed else f'NOT STOPPED: {outcome.summary()}'}"
 

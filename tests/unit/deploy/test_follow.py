@@ -141,7 +141,9 @@ def test_path_refused_during_drive_stops_no_leader() -> None:
     assert len(leader.requests) == 2
 
 
-def test_of_many_goals_ten_per_second_become_orders(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_many_goals_ten_per_second_become_orders(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     goal, leader, pauses = Sample("goal_pose", encode(Pose(1.0, 1.0 + 0j, 1j)), None, 0.0), Leader(), []
 
     def pause(seconds: float) -> None:
@@ -158,6 +160,7 @@ def test_of_many_goals_ten_per_second_become_orders(monkeypatch: pytest.MonkeyPa
         follow.main(["convoy", "--goals", "/goal_pose"])
     assert pauses == [0.1] * 3
     assert len(leader.requests) == 3
+    assert "the leader goes on along its route; to end it: formation order" in capsys.readouterr().err
 
 
 def test_robots_follow_path_that_is_planned_every_second(rehearsed_fleet: MakeRehearsed) -> None:
