@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -11,13 +12,17 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import psutil
 
+from formation.deploy.recordings import verify
+from formation.monitor.recording.reader import read
+from formation.topics import CMD_VEL
 from tests.support.child import PATIENCE
 
 LONGEST_START = 120.0
@@ -138,3 +143,16 @@ def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
     result = json.loads(out.splitlines()[-1])
     assert isinstance(result, dict)
     return result
+
+
+def assert_commands_reproduced(recording: Path) -> None:
+    """Assert that `replay --verify` compares every command of every robot, and finds it equal to the bit."""
+    out, words = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(words):
+        code = verify.main([str(recording), "--verify", "--json"])
+    one = read(recording)
+    counts = Counter(message.sample.key for message in one.messages())
+    commands = {name: counts[CMD_VEL.key(name)] for name in one.mission.followers}
+    exact = {name: found["exact"] for name, found in json.loads(out.getvalue())["robots"].items()}
+    assert (code, exact) == (0, commands), words.getvalue()
+    assert min(commands.values()) > 100

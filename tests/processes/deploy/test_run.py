@@ -33,9 +33,9 @@ from formation.topics import (
     STATUS,
     command_topic,
 )
-from tests.processes.deploy.test_verify import assert_commands_reproduced
 from tests.support.launched import (
     Output,
+    assert_commands_reproduced,
     formed,
     result_of,
     started,

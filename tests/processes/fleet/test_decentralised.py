@@ -29,8 +29,8 @@ from formation.topics import (
     Topic,
 )
 from formation.transport.wiring import Endpoints, partners
-from tests.processes.fleet.twenty import STARTING
 from tests.support.child import PATIENCE, Child, started
+from tests.support.launched import LONGEST_START
 from tests.support.zenoh_admin import Peer, clients, inspect
 
 pytestmark = pytest.mark.processes
@@ -56,14 +56,14 @@ def running(name: str, record: Path) -> Iterator[Team]:
         where = stack.enter_context(Ports(mission)).endpoints
         flags = ("--no-page",)  # a page has sockets that are no part of the fleet
         plan = programs(
-            mission, name, where, parent=os.getpid(), record=record, page=flags, patience=STARTING
+            mission, name, where, parent=os.getpid(), record=record, page=flags, patience=LONGEST_START
         )
         children = {}
         for program in plan:
             module, *arguments = program.argv[program.argv.index("-m") + 1 :]
             children[program.name] = stack.enter_context(started(module, *arguments))
         for child in children.values():
-            child.event("ready", STARTING)
+            child.event("ready", LONGEST_START)
         team = Team(mission, where, children)
         wait_until_linked(team)
         yield team

@@ -9,9 +9,8 @@ from mcap.reader import make_reader
 
 from formation.mission.file import load
 from formation.topics import SCAN
-from tests.processes.deploy.test_verify import assert_commands_reproduced
 from tests.processes.monitor.test_recording_elsewhere import check
-from tests.support.launched import result_of, started
+from tests.support.launched import assert_commands_reproduced, result_of, started
 
 pytestmark = pytest.mark.processes
 
