@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from formation.control.controller import Gains, Limits, Measured
 from formation.control.plane import rotation
 from formation.control.unicycle import advance
 from tests.campaigns.bench.yardstick_laws import FOLLOWER, PREDICTIVE
-from tests.campaigns.bench.yardstick_page import better, words
+from tests.campaigns.bench.yardstick_page import words
 from tests.campaigns.bench.yardstick_trials import LAW, SCENARIOS, SETTLED, STEP, STRIDE, figures
 
 LIMITS = Limits(0.2, 1.5, 1.5)
@@ -78,12 +76,3 @@ def test_route_of_every_scenario_lasts_to_its_horizon() -> None:
         assert None in durations or sum(filter(None, durations)) >= one.horizon
         for law in LAW.values():
             assert law.mission(mission, {key: some[0] for key, some in law.tried.items()}).names
-
-
-def test_page_names_where_another_law_is_better() -> None:
-    cell = {"rms": 0.01, "distance": 0.1, "peak": 0.05, "share": 1.0, "median": 3.0, "p95": 4.0}
-    laws: dict[str, Any] = {name: {"cells": dict.fromkeys(SCENARIOS, cell)} for name in LAW}
-    assert not list(better(laws))
-    laws["predictive"]["cells"] = {**laws["predictive"]["cells"], "circle": {**cell, "median": 2.0}}
-    expected = [("circle", "predictive", "median settling 2.0 instead of 3.0 s")]
-    assert list(better(laws)) == expected

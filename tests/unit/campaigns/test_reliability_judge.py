@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from formation.mission.file import load
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.judge import Motion
 from tests.campaigns.reliability.seen import Commanded, Floats, Led, Seen
-from tests.campaigns.reliability.soak import Reading, growth
 from tests.campaigns.reliability.trial import holders
 
 SIX = load("six_robots")
@@ -165,42 +163,6 @@ def test_error_sums_edges_of_displaced_robot() -> None:
     assert away == pytest.approx(0.3 * edges, rel=0.05)
 
 
-def test_silent_leader_keeps_its_last_position() -> None:
-    assert driven(leader_until=1.0).errors(np.array([2.0])) > 0.15
-
-
-def test_distances_gives_least_distance_of_two_robots() -> None:
-    apart = driven().distances(np.array([1.0]))
-    closer = driven(SIX.slot("robot3") - SIX.slot("robot4") + 0.1).distances(np.array([1.0]))
-    assert apart == pytest.approx(1.0, abs=0.01)
-    assert closer == pytest.approx(0.1, abs=0.01)
-
-
-def test_witness_file_is_read_by_complete_lines(tmp_path: Path) -> None:
-    file = tmp_path / "seen.jsonl"
-    file.write_text('["command", 1.0, "robot2", 0.5, 0.1]\n["command", 2.0, "rob')
-    seen = Seen(SIX, file)
-    seen.read_on()
-    assert seen.commands["robot2"] == [Commanded(1.0, 0.5, 0.1)]
-    with file.open("a") as more:
-        more.write('ot2", 0.0, 0.0]\n')
-    seen.read_on()
-    assert seen.commands["robot2"][1:] == [Commanded(2.0, 0.0, 0.0)]
-    seen.close()
-
-
-def test_forget_keeps_last_message_before_given_time() -> None:
-    seen = driven()
-    seen.forget(1.0)
-    assert 0.9 < seen.leads[0].at < 1.0
-    assert len(seen.places["robot2"]) < 25
-
-
 def test_robots_without_running_neighbour_are_holders() -> None:
     assert holders(SIX, ["robot3"]) == set()  # robot4 has robot2, robot5 has robot4
     assert holders(SIX, ["robot4", "robot3"]) == {"robot5", "robot6"}
-
-
-def test_growth_counts_after_fifth_minute_of_old_processes() -> None:
-    assert growth([Reading(age, 100) for age in (0.0, 100.0, 400.0)]) is None
-    assert growth([Reading(0.0, 50), Reading(310.0, 100), Reading(900.0, 107)]) == pytest.approx(1.07)
