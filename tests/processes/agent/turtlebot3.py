@@ -1,8 +1,8 @@
 """A TurtleBot3 Burger, played on its own Zenoh router: it sends what ROS 2 on the robot would send.
 
 Of the code under test it uses only the physics, `formation.agent.simulated.plant`: keys, hashes,
-attachments and tokens are written out again, messages are encoded by pycdr2, and the session is bare. It
-follows the published sources:
+attachments and tokens are written out again, messages are encoded and hashed by rosbags, which the product
+may not import, and the session is bare. It follows the published sources:
 
 - 20 Hz odometry, relative to the pose at which the robot was switched on or `reset_odometry` was called;
 - commands truncated to hundredths by a cast to integer, clamped by the firmware, and obeyed until the next;
@@ -19,15 +19,16 @@ import threading
 import time
 from collections import Counter
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import zenoh
+from rosbags.serde import SerdeError
 
 from formation.agent.simulated.plant import Plant
 from formation.control.unicycle import Command
 from formation.simulation.body import PROFILES
-from tests.processes.agent import turtlebot3_messages as messages
+from tests.unit.formation.by_rosbags import STORE, ZEROS, header, make, point, twist
 
 PERIOD = 0.05
 """Period of odometry [s]."""
@@ -37,12 +38,6 @@ BODY = PROFILES["turtlebot3_burger"]._replace(
     speed_step=0.0, turn_rate_step=0.0, max_speed=math.inf, max_turn_rate=math.inf,  # applied in this file
     drift=0.0,  # no controller can measure it; without it, true poses can be compared
 )  # fmt: skip
-HASHES = {
-    "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
-    "geometry_msgs/msg/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
-    "geometry_msgs/msg/TwistStamped": "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
-    "geometry_msgs/msg/PoseStamped": "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
-}
 
 
 @dataclass(frozen=True)
@@ -69,7 +64,7 @@ class Wire:
         """Zenoh key of a topic."""
         if self.ros == "ros2dds":
             return self.name(topic)
-        return f"{self.domain}/{self.name(topic)}/{dds(ros_type)}/RIHS01_{HASHES[ros_type]}"
+        return f"{self.domain}/{self.name(topic)}/{dds(ros_type)}/{STORE.hash_rihs01(ros_type)}"
 
     def tokens(self, zid: str) -> list[str]:
         """Liveliness tokens of the robot's odometry publisher and command subscriber."""
@@ -83,7 +78,7 @@ class Wire:
         node = f"%/%{self.namespace.replace('/', '%')}/turtlebot3_node"
         return [f"@ros2_lv/{self.domain}/{zid}/0/0/NN/{node}"] + [
             f"@ros2_lv/{self.domain}/{zid}/0/{number}/{kind}/{node}/%{self.name(topic).replace('/', '%')}/"
-            f"{dds(ros_type)}/RIHS01_{HASHES[ros_type]}/::,10:,:,:,,"
+            f"{dds(ros_type)}/{STORE.hash_rihs01(ros_type)}/::,10:,:,:,,"
             for number, (kind, topic, ros_type) in enumerate(has, 1)
         ]
 
@@ -123,7 +118,6 @@ class TurtleBot3:
         """Counts of invalid messages, which no agent may send."""
         self.lost = 0
         """Number of missing samples, by the sequence numbers in attachments."""
-        self._type = messages.Twist if wire.cmd_vel == "twist" else messages.TwistStamped
         prefix = f"{wire.namespace}/" if prefixed else ""
         self._frames = (f"{prefix}odom", f"{prefix}base_footprint")
         self._plant = Plant(BODY, position, heading, np.random.default_rng(1))
@@ -207,9 +201,9 @@ class TurtleBot3:
             origin, zero = self._origin
         elapsed, turned = wall - before.wall, here.heading * before.heading.conjugate()
         way = (here.position - before.position) * (before.heading * turned**0.5).conjugate()
-        moving = messages.twist(way.real / elapsed, math.atan2(turned.imag, turned.real) / elapsed)
+        moving = way.real / elapsed, math.atan2(turned.imag, turned.real) / elapsed
         seen = (position - origin) * zero.conjugate(), heading * zero.conjugate()
-        payload = messages.odometry(wall, *seen, moving, self._frames)
+        payload = odometry(wall, *seen, moving, self._frames)
         attachment = struct.pack("<qqB16s", sequence, int(wall * 1e9), 16, self._gid)
         self._odometry.put(payload, attachment=None if self.wire.ros == "ros2dds" else attachment)
         self.path.append(here)
@@ -238,14 +232,14 @@ class TurtleBot3:
             self._alive = self.wire.ros == "rmw_zenoh"
             return None
         try:
-            message = self._type.deserialize(payload)
-            if messages.encoded(message) != payload:
-                self.troubles["bytes of another type"] += 1  # but obeyed
-        except (struct.error, UnicodeDecodeError):
-            self.troubles["too short for its type"] += 1
+            message = STORE.deserialize_cdr(payload, self.wire.command_type)
+        except SerdeError:
+            self.troubles["no message of its type"] += 1
             return None
-        twist = message.twist if isinstance(message, messages.TwistStamped) else message
-        return Command(twist.linear.x, twist.angular.z)
+        if bytes(STORE.serialize_cdr(message, self.wire.command_type)) != payload:
+            self.troubles["bytes of another type"] += 1  # but obeyed
+        found: Any = getattr(message, "twist", message)
+        return Command(found.linear.x, found.angular.z)
 
     def _attached(self, sample: zenoh.Sample) -> bool:
         if sample.attachment is None:
@@ -275,3 +269,18 @@ def hundredths(value: float) -> int:
 def dds(ros_type: str) -> str:
     """The DDS name of a ROS message type."""
     return "{}::{}::dds_::{}_".format(*ros_type.split("/"))
+
+
+def odometry(
+    wall: float, position: complex, heading: complex, moving: tuple[float, float], frames: tuple[str, str]
+) -> bytes:
+    """nav_msgs/Odometry with zero covariances in CDR; `heading` e^{iθ}, `moving` [m/s; rad/s]."""
+    half = math.atan2(heading.imag, heading.real) / 2.0
+    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
+    pose = make("geometry_msgs/msg/Pose", point(position), turn)
+    raw = make(
+        "nav_msgs/msg/Odometry", header(wall, frames[0]), frames[1],
+        make("geometry_msgs/msg/PoseWithCovariance", pose, ZEROS),
+        make("geometry_msgs/msg/TwistWithCovariance", twist(*moving), ZEROS),
+    )  # fmt: skip
+    return bytes(STORE.serialize_cdr(raw, "nav_msgs/msg/Odometry"))

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -22,10 +23,10 @@ from formation.ros2.messages import Diagnostics, Pose, decode
 from formation.ros2.naming import Naming
 from formation.topics import POSITION, STATUS, Topic
 from formation.transport.bus import Bus, BusConfig
-from tests.processes.agent import turtlebot3_messages as messages
 from tests.processes.agent.turtlebot3 import TurtleBot3, Wire
 from tests.support.child import PATIENCE, Child, held_endpoint, started, until
 from tests.support.missions import edited
+from tests.unit.formation.by_rosbags import STORE
 
 pytestmark = pytest.mark.processes
 GOOD = 0.02
@@ -33,6 +34,7 @@ GOOD = 0.02
 LONG_ENOUGH = 5.0
 """Time for which the error must stay below `GOOD` [s]."""
 PAIR = read("turtlebot3_pair")[0]
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 FIRMWARE = 'odometry_frame = "start"\nspeed_step = 0.01\nturn_rate_step = 0.01'
 
 
@@ -207,10 +209,10 @@ def test_ros_2_nodes_see_agent_and_its_topics(tmp_path: Path) -> None:
         robot = team.robots["robot1"]
         position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
         sample = position.next()
-        assert str(sample.key_expr) == robot.wire.key("position", "geometry_msgs/msg/PoseStamped")
+        assert str(sample.key_expr) == robot.wire.key("position", POSE_TYPE)
         assert sample.attachment is not None
         assert len(bytes(sample.attachment)) == 33
-        pose = messages.PoseStamped.deserialize(bytes(sample.payload))
+        pose: Any = STORE.deserialize_cdr(bytes(sample.payload), POSE_TYPE)
         assert abs(complex(pose.pose.position.x, pose.pose.position.y) - robot.now.position) < 0.05
         status.value("link", lambda link: link == "connected")
         seen = [token for key in robot.graph() if (token := tokens.read(key)) is not None]
@@ -222,7 +224,7 @@ def test_ros_2_nodes_see_agent_and_its_topics(tmp_path: Path) -> None:
         assert shown >= {
             ("NN", "", ""),
             ("MP", "robot1/cmd_vel", "geometry_msgs/msg/TwistStamped"),
-            ("MP", "robot1/position", "geometry_msgs/msg/PoseStamped"),
+            ("MP", "robot1/position", POSE_TYPE),
             ("MP", "robot1/status", "diagnostic_msgs/msg/DiagnosticArray"),
             ("MS", "robot1/odom", "nav_msgs/msg/Odometry"),
         }
@@ -241,7 +243,7 @@ def test_bridge_positions_are_plain_and_lost_route_reported(tmp_path: Path) -> N
         sample = position.next()
         assert str(sample.key_expr) == "position"
         assert sample.attachment is None  # the order is sent to the fleet only
-        messages.PoseStamped.deserialize(bytes(sample.payload))
+        STORE.deserialize_cdr(bytes(sample.payload), POSE_TYPE)
         status.value("link", lambda link: link == "connected")
         team.settles()
         assert_all_commands_were_valid(team)
