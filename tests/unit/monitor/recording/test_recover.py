@@ -6,7 +6,7 @@ import errno
 import os
 import random
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -140,73 +140,51 @@ def test_random_damage_does_not_crash_read_or_recover(
         assert bare(read(path.with_name("out.mcap")).messages()) == kept
 
 
-def check_lost(everything: list[Bare], left: list[Bare], chunk: ChunkIndex) -> None:
-    gone = [one for one in everything if one not in left]
-    assert left == [one for one in everything if one not in gone]
-    assert 0 < len(gone) < len(everything) / 2
-    assert min(one[3] for one in gone) >= chunk.message_start_time
-    assert max(one[3] for one in gone) <= chunk.message_end_time
+def middle_lost(whole: bytes, chunk: ChunkIndex) -> bytes:
+    """Zeros in the middle of a chunk."""
+    return zeros_at(whole, chunk.chunk_start_offset + chunk.chunk_length // 2)
 
 
-def test_damaged_chunk_loses_only_its_own_messages(tmp_path: Path, whole: bytes) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(whole)
-    everything = bare(read(path).messages())
-    middle = summary_of(path).chunk_indexes[1]
-    data = bytearray(whole)
-    data[middle.chunk_start_offset + middle.chunk_length // 2] ^= 0xFF
-    path.write_bytes(data)
-    found = recover(path, tmp_path / "out.mcap")
-    assert (found.condition, found.unreadable) == (Condition(is_cut=False, damaged=1), 0)
-    left = bare(read(tmp_path / "out.mcap").messages())
-    check_lost(everything, left, middle)
+def head_lost(whole: bytes, chunk: ChunkIndex) -> bytes:
+    """Zeros where a chunk's record begins."""
+    return zeros_at(whole, chunk.chunk_start_offset)
 
 
-def damaged_at(whole: bytes, at: int, length: int = 40) -> bytes:
+def claiming_the_next(whole: bytes, chunk: ChunkIndex) -> bytes:
+    """A length that reaches into the next chunk."""
+    at = chunk.chunk_start_offset + 1
+    claimed = chunk.chunk_length + chunk.message_index_length
+    return whole[:at] + claimed.to_bytes(8, "little") + whole[at + 8 :]
+
+
+def zeros_at(whole: bytes, at: int, length: int = 40) -> bytes:
     return whole[:at] + bytes(length) + whole[at + length :]
 
 
-def test_reading_goes_on_after_a_damaged_record_head(tmp_path: Path, whole: bytes) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(whole)
-    everything = bare(read(path).messages())
-    second = summary_of(path).chunk_indexes[1]
-    path.write_bytes(damaged_at(whole, second.chunk_start_offset))
-    recording = read(path)
-    assert recording.condition() == Condition(is_cut=False, damaged=1)
-    left = bare(recording.messages())
-    check_lost(everything, left, second)
-    found = recover(path, tmp_path / "out.mcap")
-    assert (found.condition, found.unreadable) == (recording.condition(), 0)
-    assert bare(read(tmp_path / "out.mcap").messages()) == left
-    assert read(tmp_path / "out.mcap").condition().words == ""
-
-
-def test_channels_declared_in_a_damaged_chunk_are_still_known(tmp_path: Path, whole: bytes) -> None:
+@pytest.mark.parametrize(
+    ("number", "damaged"), [(0, middle_lost), (1, middle_lost), (1, head_lost), (1, claiming_the_next)]
+)
+def test_damaged_chunk_loses_only_its_own_messages(
+    tmp_path: Path, whole: bytes, number: int, damaged: Callable[[bytes, ChunkIndex], bytes]
+) -> None:
+    """Others still know the channels that the first chunk declares."""
     path, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
     path.write_bytes(whole)
-    everything = bare(read(path).messages())
-    first = summary_of(path).chunk_indexes[0]
-    path.write_bytes(damaged_at(whole, first.chunk_start_offset + first.chunk_length // 2))
+    everything, chunk = bare(read(path).messages()), summary_of(path).chunk_indexes[number]
+    path.write_bytes(damaged(whole, chunk))
     left = bare(read(path).messages())
-    check_lost(everything, left, first)
-    recover(path, out)
+    gone = [one for one in everything if one not in left]
+    assert left == [one for one in everything if one not in gone]
+    assert 0 < len(gone) < len(everything) / 2
+    assert chunk.message_start_time <= min(one[3] for one in gone)
+    assert max(one[3] for one in gone) <= chunk.message_end_time
+    condition = Condition(is_cut=False, damaged=1)
+    found = recover(path, out)
+    assert (read(path).condition(), found.condition, found.unreadable) == (condition, condition, 0)
     assert bare(read(out).messages()) == left
+    assert read(out).condition().words == ""
     with out.open("rb") as stream:
-        assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) >= len(left) > 0
-
-
-def test_record_that_claims_the_next_chunk_does_not_hide_it(tmp_path: Path, whole: bytes) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(whole)
-    everything = bare(read(path).messages())
-    _, second, third = summary_of(path).chunk_indexes[:3]
-    claimed = third.chunk_start_offset - second.chunk_start_offset - 9
-    data = bytearray(whole)
-    data[second.chunk_start_offset + 1 : second.chunk_start_offset + 9] = (claimed + 9).to_bytes(8, "little")
-    path.write_bytes(data)
-    assert read(path).condition().damaged == 1
-    check_lost(everything, bare(read(path).messages()), second)
+        assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) >= len(left)
 
 
 def test_damaged_index_is_reported_and_loses_no_message(tmp_path: Path, whole: bytes) -> None:
