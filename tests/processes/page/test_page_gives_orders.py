@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, Route
 
-from tests.processes.page.asking import DriveRecorder
+from tests.processes.page.asking import DriveRecorder, Player
 from tests.processes.page.scene import EPOCH, Scene
 from tests.support.child import PATIENCE
 from tests.support.served import PATIENT, Served, served, until, watched
@@ -67,17 +67,6 @@ class Fleet(DriveRecorder):
         ]
         refused = [{"robot": "robot5", "mode": do, "reason": "not now", "ms": 1.0}]
         return {"do": do, "acknowledged": answers, "refused": refused, "missing": ["robot4"]}
-
-
-class Player:
-    """Records requests to a replay."""
-
-    def __init__(self) -> None:
-        self.requested: list[tuple[str, float | None]] = []
-
-    def steer(self, do: str, to: float | None) -> dict[str, Any]:
-        self.requested.append((do, to))
-        return {}
 
 
 @pytest.fixture
@@ -280,9 +269,9 @@ def test_replay_controls_send_pause_speed_and_seek(browser: Browser) -> None:
         page.select_option("#replay-speed", "5")
         page.locator("#replay-at").fill("12.5")
         deadline = time.monotonic() + PATIENCE
-        while len(player.requested) < 3 and time.monotonic() < deadline:
+        while len(player.wishes) < 3 and time.monotonic() < deadline:
             page.wait_for_timeout(20)
-        assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
+        assert sorted(player.wishes) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
 
 
 def test_pad_drives_while_pressed_by_first_button(browser: Browser, controlled: Served, fleet: Fleet) -> None:
