@@ -12,13 +12,13 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from formation.control.laws import LAWS
-from formation.deploy.refusal import refusing
+from formation.deploy.refusal import Refusal, refused, refusing
 from formation.mission.file import MISSION_HELP, MissionError, load
 from formation.mission.model import Mission
-from formation.transport.runtime.command_line import Parser
+from formation.transport.runtime.command_line import Parser, make_folder
 from formation.transport.runtime.flags import add_zenoh
 
 
@@ -114,9 +114,25 @@ def add_out(to: argparse.ArgumentParser, what: str, *, metavar: str = "FILE", re
     to.add_argument("-o", "--out", type=Path, metavar=metavar, required=required, help=what)
 
 
+def check_file(flag: str, path: Path, *suffixes: str) -> None:
+    """Make the folder of a file to write; raise Refusal for a path that cannot be one of these suffixes."""
+    with refused(f"{flag} {path}"):
+        if path.is_dir():
+            raise Refusal(f"{flag} {path}: is a folder; name a file")
+        if path.suffix.lower() not in suffixes:
+            legal = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+            raise Refusal(f"{flag} {path}: must end in {legal}")
+        make_folder(path.parent)
+
+
+def text_stream(options: argparse.Namespace) -> TextIO:
+    """Return the stream for people: with --json stdout is for a script."""
+    return sys.stderr if options.json else sys.stdout
+
+
 def tell(options: argparse.Namespace, words: str, result: Callable[[], Mapping[str, Any]]) -> None:
     """Print a command's result as its flags request: `words` for people, `result` for a script."""
-    print(words, file=sys.stderr if options.json else sys.stdout, flush=True)
+    print(words, file=text_stream(options), flush=True)
     if options.json:
         print(as_json(result()), flush=True)
 

@@ -18,13 +18,14 @@ from formation.deploy.arguments import (
     add_dask,
     add_json,
     add_mission,
+    check_file,
     number,
     parser,
     read_mission,
     tell,
     whole,
 )
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar, waiting, warn_if_slow
 from formation.deploy.terminal.units import metres
@@ -34,7 +35,6 @@ from formation.monitor.report.drawing import draw
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
-from formation.transport.runtime.command_line import make_folder
 
 MAX_RUNS = 100_000
 MAX_SPREAD, MAX_NOISE = 1e4, 10.0
@@ -257,12 +257,7 @@ def _check_plot(path: Path) -> None:
     """Raise, before the simulation, for a figure that cannot be written."""
     if find_spec("matplotlib") is None:
         raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
-    if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
-        raise Refusal(f"--plot {path}: must end in .png, .svg or .pdf")
-    with refused(f"--plot {path}"):
-        make_folder(path.parent)
-        if path.is_dir():
-            raise Refusal(f"--plot {path}: is a folder; name a file")
+    check_file("--plot", path, ".png", ".svg", ".pdf")
 
 
 def _options() -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
-from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission
+from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission, text_stream
 from formation.deploy.links import no_answer_message
 from formation.deploy.refusal import refusing
 from formation.deploy.terminal.bar import waiting
@@ -158,9 +158,7 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     """Watch until told to stop."""
     progress = Progress(watcher.mission, phase="running", note="looking for the robots …")
     refresh = Rate(JSON_RATE if options.json else REFRESH_RATE)
-    with view_for(
-        sys.stderr if options.json else sys.stdout, table=not (options.json or options.no_table)
-    ) as view:
+    with view_for(text_stream(options), table=not (options.json or options.no_table)) as view:
         while not stop:
             snapshot = watcher.look()
             if not watcher.has_received and watcher.elapsed > SILENCE_NOTICE_DELAY:

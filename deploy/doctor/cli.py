@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
-from formation.deploy.arguments import add_json, number, parser, read_mission, tell
+from formation.deploy.arguments import add_json, number, parser, read_mission, tell, text_stream
 from formation.deploy.doctor import gather, tls
 from formation.deploy.doctor.agent import AGENT, LEADING, MISSION, NEIGHBOURS, REFUSALS
 from formation.deploy.doctor.facts import Checked, examine
@@ -78,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
             options.config = options.config or configuration_of(options.mission, OPERATOR)
     with waiting(f"listening for {options.seconds:g} s, and dialling"):
         checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
-    text = words(checks, style(sys.stderr if options.json else sys.stdout))
+    text = words(checks, style(text_stream(options)))
     if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
         text += "\nrobots with certificates answer only an operator's: name its configuration, -c FILE"
     tell(options, text, lambda: {"mission": mission.name, **as_object(checks)})

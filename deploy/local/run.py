@@ -15,7 +15,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from formation.agent.simulated.flags import NEEDED, add_world_flags, unfit, world_flags
-from formation.deploy.arguments import add_json, add_mission, as_json, number, parser, read_mission
+from formation.deploy.arguments import (
+    add_json,
+    add_mission,
+    number,
+    parser,
+    read_mission,
+    tell,
+    text_stream,
+)
 from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.outcome import Outcome, ended_well, how_it_ended
 from formation.deploy.local.plan import Program, programs
@@ -64,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
     page_flags = _page_flags(options)
     record = _recording(mission, options.record)
     duration: float = options.duration or mission.duration
-    say = sys.stderr if options.json else sys.stdout
+    say = text_stream(options)
     with ExitStack() as stack:
         ports = stack.enter_context(Ports(mission))
         logs = Path(tempfile.mkdtemp(prefix="formation-"))
@@ -95,7 +103,9 @@ def main(arguments: Sequence[str]) -> int:
         outcome = Outcome(mission, launcher.children, progress.elapsed, logs, launcher.interrupted, record)
         if outcome.faults:
             removal.pop_all()
-        return _tell(outcome, as_object=options.json)
+        tell(options, outcome.words(), outcome.as_json)
+        _tell_failures(outcome)
+        return outcome.exit_code
 
 
 def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
@@ -215,12 +225,8 @@ def _tell_failed_start(child: Child) -> int:
     return 2 if child.exit == 2 else 1
 
 
-def _tell(outcome: Outcome, *, as_object: bool) -> int:
-    print(outcome.words(), file=sys.stderr if as_object else sys.stdout)
+def _tell_failures(outcome: Outcome) -> None:
     for child in outcome.children:
         if not ended_well(child) and child not in outcome.replaced:
             for line in child.last_words():
                 print(f"  {child.name} | {line}", file=sys.stderr)
-    if as_object:
-        print(as_json(outcome.as_json()), flush=True)
-    return outcome.exit_code

@@ -8,10 +8,9 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from formation.deploy.arguments import add_json, as_json, parser, read_mission, replacing
+from formation.deploy.arguments import add_json, as_json, check_file, parser, read_mission, replacing
 from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import shipped
-from formation.transport.runtime.command_line import make_folder
 
 NEXT = """\
 next:
@@ -75,16 +74,11 @@ def write_mission(path: Path, text: str) -> None:
 
 def check_out(out: Path, *, force: bool) -> None:
     """Make the folder of a mission file to write; raise Refusal for a path that cannot be one."""
-    if out.suffix != ".toml":
-        raise Refusal(f"--out {out}: must end in .toml")
-    with refused(f"--out {out}"):
-        make_folder(out.parent)
-        if is_shipped(out):
-            raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
-        if out.is_dir():
-            raise Refusal(f"--out {out}: is a folder; name a file")
-        if out.exists() and not force:
-            raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
+    check_file("--out", out, ".toml")
+    if is_shipped(out):
+        raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
+    if out.exists() and not force:
+        raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
 
 
 def is_shipped(mission: Path) -> bool:

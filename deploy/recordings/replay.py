@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, as_json, number, parser
+from formation.deploy.arguments import add_json, as_json, number, parser, text_stream
 from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.playing import Bar, Keys, Lines, clock, line, press
 from formation.deploy.terminal.views import in_a_terminal
@@ -23,8 +23,8 @@ from formation.monitor.replay.echo import DEFAULT, Echo, checked
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Film, Player
 from formation.monitor.replay.process import Replay
 from formation.monitor.web import frames
-from formation.monitor.web.address import PORT, Bind, add_page_flags
-from formation.monitor.web.server import PageServer, opened
+from formation.monitor.web.address import Bind, add_page_flags
+from formation.monitor.web.server import PageServer, opened, words
 from formation.monitor.web.source import Source
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str]) -> int:
         replay = Replay(one.recording.mission, player, source, echo, one.begin if options.loop else None)
         if source is not None:
             page = stack.enter_context(_page(options, source, replay))
-            _say(options, f"page: {page.address}")
+            _say(options, f"page: {words(options.page, page)}")
         if prefix is not None:
             ends = [f"listens at {end}" for end in options.listen]
             ends += [f"dials {end}" for end in options.connect]
@@ -103,7 +103,7 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
     """Play until the end, or until told to stop."""
     keys = stack.enter_context(Keys())
     drawn = in_a_terminal(sys.stdout) and not options.json
-    view = Bar(sys.stdout) if drawn else Lines(sys.stderr if options.json else sys.stdout)
+    view = Bar(sys.stdout) if drawn else Lines(text_stream(options))
     stays = drawn and not options.no_page
     refresh, linger = Rate(REFRESH_RATE), Linger()
     try:
@@ -150,12 +150,8 @@ def _source(one: Opened, player: Player) -> Source:
 
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
-    at = options.page or Bind()
-    with refused(f"--page {at.host}:{at.port}"):
-        page = opened(options.page, source, steer=replay.steer)
-    if options.page is None and f":{PORT}/" not in page.address:
-        _say(options, f"port {PORT} is taken, so the page is at another")
-    return page
+    with refused(f"--page {options.page or Bind()}"):
+        return opened(options.page, source, steer=replay.steer)
 
 
 def _session(options: argparse.Namespace) -> Bus:
@@ -210,7 +206,7 @@ def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict
 
 
 def _say(options: argparse.Namespace, text: str) -> None:
-    print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
+    print(text, file=text_stream(options), flush=True)
 
 
 def _options() -> argparse.ArgumentParser:

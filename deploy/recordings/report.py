@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from formation.deploy import check
-from formation.deploy.arguments import add_json, add_out, number, parser, tell
+from formation.deploy.arguments import add_json, add_out, check_file, number, parser, tell
 from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import Recording, UnreadableError, read
@@ -93,13 +93,9 @@ def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
     path: Path = requested or first.with_name(f"{stem}.html")
     mine = {part.resolve() for recording in recordings for part in (recording.path, *recording.parts)}
     with refused(f"--out {path}"):
-        if path.is_dir():
-            raise Refusal(f"--out {path}: is a folder; name a file")
         if path.exists() and path.resolve() in mine:
             raise Refusal(f"--out {path}: is the recording itself; name another file")
-        if path.suffix.lower() != ".html":
-            raise Refusal(f"--out {path}: must end in .html")
-        make_folder(path.parent)
+        check_file("--out", path, ".html")
         if path.exists() and not _is_report(path):
             raise Refusal(f"--out {path}: is there already, and is no report; name another file")
     return path
