@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-import time
+import argparse
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from formation.deploy.arguments import add_json, add_out, as_json, parser
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import UnreadableError
 from formation.monitor.recording.recover import Found, recover
 
@@ -22,18 +22,20 @@ EXAMPLES = """\
 `ros2 bag` need a complete one. Exit code 0: FILE is complete, or a complete copy was written; 2: nothing was
 written.
 """
-PROGRESS_PERIOD = 2.0
-"""Time before the first progress message, and between messages [s]."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Recover one file; return the exit code."""
-    args = _flags().parse_args(argv)
+    args = _flags().parse_args(arguments)
     out = args.out or args.file.parent / f"{args.file.stem}-recovered{args.file.suffix}"
     try:
-        found = recover(args.file, out, _Progress("checking", args.file), _Progress("copying", args.file))
-    except UnreadableError as error:
-        raise Refusal(str(error)) from None
+        with refusing(UnreadableError), Bar(f"recovering {args.file}") as bar:
+            found = recover(
+                args.file,
+                out,
+                checked=lambda share: bar.at(0.5 * share),
+                copied=lambda share: bar.at(0.5 + 0.5 * share),
+            )
     except FileExistsError:
         reason = "exists already, and a recording is never overwritten"
         raise Refusal(f"{out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
@@ -41,19 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise Refusal(f"{args.file}: cannot be recovered to {out}: {error.strerror}") from None
     print(as_json(_report(args.file, out, found)) if args.json else _words(args.file, out, found))
     return 0
-
-
-class _Progress:
-    """Prints progress on stderr if it takes long."""
-
-    def __init__(self, what: str, file: Path) -> None:
-        self._what, self._due = f"{what} {file}", time.monotonic() + PROGRESS_PERIOD
-
-    def __call__(self, share: float) -> None:
-        now = time.monotonic()
-        if now >= self._due:
-            self._due = now + PROGRESS_PERIOD
-            print(f"formation: {self._what}: {share:.0%}", file=sys.stderr, flush=True)
 
 
 def _report(file: Path, out: Path, found: Found) -> dict[str, Any]:
@@ -91,7 +80,7 @@ def _time(seconds: float) -> str:
     return f"{datetime.fromtimestamp(seconds).astimezone():%Y-%m-%d %H:%M:%S.%f}"[:-3]
 
 
-def _flags() -> Any:
+def _flags() -> argparse.ArgumentParser:
     flags = parser(
         "recover",
         "Make a recording whole that was cut off or damaged. The original is never touched.",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.recordings import recover as command
+from formation.deploy.terminal.bar import Bar
 from tests.unit.deploy.commands import Capsys, output_of, refused
 from tests.unit.monitor.recording.test_recover import chunked
 
@@ -64,13 +64,9 @@ def test_recover_refuses_unreadable_input_and_blocked_output(
     assert why in refused(capsys, ["recover", *arguments.format(folder=cut.parent, cut=cut).split()])
 
 
-def test_recover_prints_progress(cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
-    monkeypatch.setattr(command, "PROGRESS_PERIOD", 0.0)
+def test_recover_shows_progress_of_checking_and_copying(cut: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares: list[float] = []
+    monkeypatch.setattr(Bar, "at", lambda _bar, share: shares.append(share))
     assert main(["recover", str(cut)]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    shares: dict[str, list[int]] = {}
-    for line in lines:
-        what, _, share = line.rpartition(": ")
-        shares.setdefault(what, []).append(int(share.removesuffix("%")))
-    assert list(shares) == [f"formation: checking {cut}", f"formation: copying {cut}"]
-    assert all(one == sorted(one) for one in shares.values())  # each goes up once
+    assert shares == sorted(shares)
+    assert shares[0] < 0.5 < shares[-1] <= 1.0
