@@ -161,7 +161,7 @@ def _foxglove(bind: Bind, mission: Mission, keys: Sequence[Watched]) -> Foxglove
     try:
         return Foxglove(bind.host, bind.port, f"formation: {mission.name}", keys)
     except OSError as error:
-        raise BadInput(f"--foxglove {bind.host}:{bind.port}: {error}") from None
+        raise BadInput(f"--foxglove {bind}: {error}") from None
 
 
 def _page(

@@ -15,6 +15,7 @@ from foxglove import Channel, Context, Schema
 
 from formation.monitor.metrics.keys import Watched
 from formation.monitor.recording.channels import SUFFIX, TYPE, packed
+from formation.monitor.web.address import Bind
 from formation.ros2.messages import definition
 from formation.wire import Sample
 
@@ -39,8 +40,7 @@ class Foxglove:
             self._close()
             why = str(error).rpartition(": ")[2].partition(" (os error")[0].lower()
             raise OSError(why) from None
-        shown = f"[{host}]" if ":" in host else host
-        self.address = f"ws://{shown}:{self._server.port}"
+        self.address = f"ws://{Bind(host, self._server.port)}"
         """The address to open in Foxglove."""
 
     def forward_sample(self, sample: Sample, wall: float) -> None:

@@ -66,8 +66,7 @@ class Bind(NamedTuple):
 
     def url(self, port: int) -> str:
         """Return the URL for a browser, also on other machines if they may connect."""
-        host = _outward() if self.host in EVERYWHERE else self.host
-        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+        return f"http://{Bind(_outward() if self.host in EVERYWHERE else self.host, port)}/"
 
 
 def listening(bind: Bind) -> socket.socket:
