@@ -93,7 +93,6 @@ STEPS = {
 }
 """Sub-commands of `formation deploy`, in the order of use."""
 EXAMPLES = """\
-examples:
   formation run                          the paper's six robots, in a hexagon
   formation new wedge --robots 7         a mission of your own, into wedge_7.toml
   formation check two_chains             is it stable, how fast, which delay does it tolerate?
@@ -179,15 +178,8 @@ def _leave(code: int) -> None:
 def deploy(arguments: Sequence[str]) -> int:
     """Run one step of `formation deploy`; return the exit code."""
     steps = "\n".join(f"  {name:<14}{step.summary}" for name, step in STEPS.items())
-    parser = Parser(
-        prog="formation deploy",
-        usage="formation deploy [-h] COMMAND ...",
-        description=f"Install a mission on robots, one command after the other.\n\n{steps}",
-        epilog=f"examples:\n{DEPLOY_EXAMPLES}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    return _dispatch(parser, STEPS, arguments)
+    what = f"Install a mission on robots, one command after the other.\n\n{steps}"
+    return _dispatch(_parser("formation deploy", "[-h]", what, DEPLOY_EXAMPLES), STEPS, arguments)
 
 
 def _formation(arguments: Sequence[str]) -> int:
@@ -195,17 +187,21 @@ def _formation(arguments: Sequence[str]) -> int:
     for group in (HERE, ALONE, FIELD):
         named = [f"  {name:<10}{one.summary}" for name, one in COMMANDS.items() if one.group == group]
         overview += "\n".join(["", "", f"{group}:", *named])
-    parser = Parser(
-        prog="formation",
-        usage="formation [-h] [--version] COMMAND ...",
-        description="Decentralised formation control of unicycle robots, one agent process per robot."
-        + overview,
-        epilog=EXAMPLES,
+    what = "Decentralised formation control of unicycle robots, one agent process per robot." + overview
+    parser = _parser("formation", "[-h] [--version]", what, EXAMPLES)
+    parser.add_argument("--version", action="version", version=f"formation {version('zenoh-formation')}")
+    return _dispatch(parser, COMMANDS, arguments)
+
+
+def _parser(prog: str, flags: str, what: str, examples: str) -> Parser:
+    return Parser(
+        prog=prog,
+        usage=f"{prog} {flags} COMMAND ...",
+        description=what,
+        epilog=f"examples:\n{examples}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"formation {version('zenoh-formation')}")
-    return _dispatch(parser, COMMANDS, arguments)
 
 
 def _dispatch(parser: Parser, commands: Mapping[str, Command], arguments: Sequence[str]) -> int:

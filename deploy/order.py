@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, add_links, number, parser, read_mission, tell
+from formation.deploy.arguments import add_json, add_links, add_mission, number, parser, read_mission, tell
 from formation.deploy.links import no_answer_message, operator_bus
 from formation.deploy.refusal import Refusal, refusing
 from formation.deploy.terminal.bar import waiting
@@ -169,7 +169,7 @@ def _options() -> argparse.ArgumentParser:
     orders = [f"  {typed[do]:<18}{verb.means}" for do, verb in VERBS.items()]
     options = parser("order", WHAT + "\n".join(orders) + AFTER, EXAMPLES)
     options.usage = "formation order [options] MISSION ORDER"
-    options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
+    add_mission(options, law=False)
     options.add_argument("order", metavar="ORDER", nargs="*", help="one of those above")
     add_request_flags(options)
     return options

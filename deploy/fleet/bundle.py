@@ -34,20 +34,19 @@ from shlex import quote
 from typing import Any
 
 from formation.deploy import env
-from formation.deploy.arguments import add_json, add_out, as_json, parser, read_mission
+from formation.deploy.arguments import add_json, add_mission, add_out, as_json, parser, read_mission
 from formation.deploy.fleet import access, authority, certificates, wheels
 from formation.deploy.fleet import units as systemd
 from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.fleet import BUNDLE
+from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target, digest
 from formation.deploy.refusal import Refusal, refused
-from formation.mission.file import DESK, MISSION_HELP, read
+from formation.mission.file import DESK, read
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.wiring import members, role
 
-VERSION = "VERSION.json"
-"""File with the release of a robot's folder."""
 LEADER = "leader"
 """The leader's name on the desk."""
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
@@ -355,7 +354,7 @@ def _options() -> argparse.ArgumentParser:
     options = parser(
         "deploy bundle", "Make a folder per robot with all that it needs, without internet.", EXAMPLES
     )
-    options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
+    add_mission(options, law=False)
     add_out(options, "folder for the bundles", metavar="DIR", required=True)
     options.add_argument(
         "--certificates", required=True, type=Path, metavar="DIR",

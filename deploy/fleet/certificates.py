@@ -20,12 +20,20 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, replacing, tell
+from formation.deploy.arguments import (
+    add_json,
+    add_mission,
+    add_out,
+    number,
+    parser,
+    read_mission,
+    replacing,
+    tell,
+)
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.access import AUTHORITY, hosts
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal, refused
-from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.security.signing import issued_by
@@ -230,7 +238,7 @@ def _options() -> argparse.ArgumentParser:
         "Make a certificate authority and a short-lived certificate for each process, or renew them.",
         EXAMPLES,
     )
-    options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
+    add_mission(options, law=False)
     add_out(options, "folder for them, readable by you alone", metavar="DIR", required=True)
     options.add_argument(
         "--days",

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from formation.deploy.fleet import bundle, wheels
+from formation.deploy.fleet.on_robot import VERSION
 
 MODULES = {
     "numpy.py": "",
@@ -33,15 +34,15 @@ META = {
 
 def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str | bool) -> Path:
     """Copy the bundle `whole`, with stand-ins for its packages; `facts` go to its VERSION.json."""
-    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
+    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", VERSION))
     (pip,) = (whole / "wheels").glob("pip-*.whl")
     wheels.link(pip, folder / "wheels" / pip.name)
     own = wheel(folder / "wheels", {**MODULES, **(modules or {})})
     pinned = f"zenoh-formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
     (folder / "wheels" / wheels.REQUIREMENTS).write_text(pinned)
-    result = json.loads((whole / bundle.VERSION).read_text())
+    result = json.loads((whole / VERSION).read_text())
     result |= {"release": bundle.release_id(folder), **facts}
-    (folder / bundle.VERSION).write_text(json.dumps(result, indent=1) + "\n")
+    (folder / VERSION).write_text(json.dumps(result, indent=1) + "\n")
     return folder
 
 
@@ -61,5 +62,5 @@ def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
 
 def release(folder: Path) -> str:
     """The release that a bundle installs."""
-    named: str = json.loads((folder / bundle.VERSION).read_text())["release"]
+    named: str = json.loads((folder / VERSION).read_text())["release"]
     return named

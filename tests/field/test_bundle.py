@@ -15,8 +15,8 @@ from cryptography import x509
 
 from formation.deploy.cli import main
 from formation.deploy.fleet import bundle, certificates, wheels
-from formation.deploy.fleet.bundle import VERSION
 from formation.deploy.fleet.fleet import BUNDLE
+from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.wheels import Target
 from formation.mission.file import DESK, configuration_of, load, parse
 from tests.field.deployed import TEXT, mission, secrets

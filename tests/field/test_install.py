@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from formation.deploy.fleet import bundle, units, wheels
+from formation.deploy.fleet.on_robot import VERSION
 from tests.field.deployed import HERE, Installed, commands, install
 from tests.field.light import MakeBundle, light, release
 from tests.support.namespaces import until

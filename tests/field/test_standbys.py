@@ -13,7 +13,7 @@ from cryptography import x509
 
 from formation.deploy.fleet import authority, bundle, certificates, fleet
 from formation.deploy.fleet.access import hosts
-from formation.deploy.fleet.bundle import VERSION
+from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.wheels import Target
 from formation.deploy.refusal import Refusal
 from formation.mission.file import DESK, parse
