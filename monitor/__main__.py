@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from datetime import datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -23,7 +22,7 @@ from formation.monitor.exporters import layout
 from formation.monitor.metrics.keys import OWN, Watched, given_stage, usual_stage, watched
 from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, Showing, Watch
 from formation.monitor.recording.recorder import Recorder
-from formation.monitor.recording.rotation import Rotation, add_rotation_flags
+from formation.monitor.recording.rotation import Rotation, add_rotation_flags, new_path
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind, add_page_flags, bind_flag
 from formation.monitor.web.control import on_the_bus
@@ -134,10 +133,9 @@ def _recorded_all(ended: Watch) -> bool:
 
 
 def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Sequence[Watched]) -> Recorder:
-    usual = Path("recordings") / f"{mission.name}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap"
     rotation = Rotation(args.rotate_size, args.rotate_time)
     law = args.law or mission.law.kind
-    return Recorder(args.record or usual, mission.name, text, law, keys, rotation)
+    return Recorder(args.record or new_path(mission.name), mission.name, text, law, keys, rotation)
 
 
 def _write_layout(path: Path, mission: Mission) -> None:

@@ -8,7 +8,6 @@ have other subscribers.
 from __future__ import annotations
 
 import math
-import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +26,7 @@ from formation.deploy.doctor.facts import (
     Stream,
 )
 from formation.deploy.doctor.tls import Papers, reach
+from formation.deploy.fleet.on_robot import output_of, unit_facts
 from formation.deploy.refusal import refusing
 from formation.mission.file import MissionError, load
 from formation.mission.model import Mission
@@ -350,7 +350,7 @@ def _stream(read: Callable[[bytes], _Stamped], samples: Sequence[tuple[Sample, f
 
 
 def _chrony() -> Chrony | None:
-    output = _output_of(["chronyc", "-c", "-n", "tracking"])
+    output = output_of(["chronyc", "-c", "-n", "tracking"])
     return None if output is None else read_tracking(output)
 
 
@@ -366,14 +366,5 @@ def read_tracking(line: str) -> Chrony | None:
 
 def _watchdog_unit() -> str | None:
     """Return the state of the watchdog's systemd unit, such as active or failed; None without a unit."""
-    output = _output_of(["systemctl", "show", "-p", "LoadState", "-p", "ActiveState", WATCHDOG_UNIT])
-    facts = dict(line.partition("=")[::2] for line in (output or "").splitlines())
+    facts = unit_facts(WATCHDOG_UNIT, "LoadState,ActiveState")
     return facts.get("ActiveState") if facts.get("LoadState") == "loaded" else None
-
-
-def _output_of(words: Sequence[str]) -> str | None:
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=5.0, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout if done.returncode == 0 else None

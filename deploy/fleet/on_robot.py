@@ -251,10 +251,8 @@ def _units(prefix: Path) -> list[str]:
 
 
 def _unit(name: str, prefix: Path) -> Answer:
-    wanted = "ActiveState,SubState,StatusText,NRestarts,LoadState,MainPID"
-    output = _output_of(["systemctl", "show", "-p", wanted, name])
-    facts = dict(line.partition("=")[::2] for line in (output or "").splitlines())
-    last = _output_of(["journalctl", "-u", name, "-n", "1", "-o", "cat", "--no-pager", "-q"])
+    facts = unit_facts(name, "ActiveState,SubState,StatusText,NRestarts,LoadState,MainPID")
+    last = output_of(["journalctl", "-u", name, "-n", "1", "-o", "cat", "--no-pager", "-q"])
     return {
         "active": facts.get("ActiveState", "unknown") if facts.get("LoadState") == "loaded" else "not loaded",
         "detail": facts.get("SubState", ""),
@@ -262,6 +260,12 @@ def _unit(name: str, prefix: Path) -> Answer:
         "says": facts.get("StatusText") or (last or "").strip()[:200],
         "runs": _runs(facts.get("MainPID", ""), prefix),
     }
+
+
+def unit_facts(name: str, wanted: str) -> dict[str, str]:
+    """Return the properties `wanted` of a systemd unit, in commas; empty without systemd."""
+    output = output_of(["systemctl", "show", "-p", wanted, name])
+    return dict(line.partition("=")[::2] for line in (output or "").splitlines())
 
 
 def _runs(pid: str, prefix: Path) -> list[str]:
@@ -308,13 +312,13 @@ def _startable(prefix: Path, units: Sequence[str]) -> list[str]:
     if (
         not isinstance(bringup, str)
         or not bringup
-        or _output_of(["systemctl", "is-active", bringup]) is not None
+        or output_of(["systemctl", "is-active", bringup]) is not None
     ):
         return list(units)
     return [unit for unit in units if unit != AGENT]
 
 
-def _output_of(words: Sequence[str]) -> str | None:
+def output_of(words: Sequence[str]) -> str | None:
     """Return a program's output; None if it is missing or fails."""
     try:
         done = subprocess.run(

@@ -25,6 +25,7 @@ from formation.deploy.fleet.fleet import Bundle, Fleet
 from formation.deploy.fleet.remote import LAST_LINES, RemoteError, Robot
 from formation.deploy.fleet.wheels import digest
 from formation.deploy.refusal import Refusal
+from formation.monitor.report.words import size
 
 EXAMPLES = """\
   formation deploy push field --user ubuntu
@@ -145,15 +146,6 @@ class _Bars(View):
         task = self._tasks[robot]
         self._progress.update(task, total=1, completed=1 if well else 0, phase=text[:40])
         self._progress.stop_task(task)
-
-
-def size(count: float) -> str:
-    """Return a number of bytes for people: 724 B, 12 kB, 3.4 MB."""
-    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= 0.9995 * scale:
-            value = count / scale
-            return f"{value:.0f} {unit}" if value >= 9.95 else f"{value:.1f} {unit}"
-    return f"{count:.0f} B"
 
 
 def main(arguments: Sequence[str]) -> int:

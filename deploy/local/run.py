@@ -33,6 +33,7 @@ from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
 from formation.mission.file import file_of
 from formation.mission.model import Mission
+from formation.monitor.recording.rotation import new_path
 from formation.monitor.web.address import add_page_flags, listening
 from formation.transport.runtime.command_line import make_folder
 
@@ -199,7 +200,7 @@ def _page_flags(options: argparse.Namespace) -> list[str]:
 
 def _recording(mission: Mission, requested: Path | None) -> Path:
     """Return the recording's path: a new file in a writable folder. Raises Refusal."""
-    path = requested or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
+    path = requested or new_path(mission.name)
     with refused(f"--record {path}"):
         make_folder(path.parent)
         if path.exists():

@@ -15,10 +15,10 @@ from typing import Any, Self, TextIO
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from formation.deploy.terminal.table import states
 from formation.deploy.terminal.units import metres
 from formation.deploy.terminal.views import Redrawn
 from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.metrics.words import counted
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
 from formation.monitor.replay.process import Replay, Standing
 
@@ -136,7 +136,7 @@ def line(standing: Standing, snapshot: Snapshot) -> str:
         f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
         f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
         f"error {metres(known.error)}{over}",
-        states(robot.state for robot in snapshot.robots.values()),
+        counted(robot.state for robot in snapshot.robots.values()),
         *remarks(standing),
     ]
     return "  ".join(parts)
@@ -153,7 +153,7 @@ def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool
         "" if known.complete or known.error is None else f" over {known.known_edges} of {known.edges} edges"
     )
     tail += f"error {metres(known.error):>7}{over}  "
-    tail += states(robot.state for robot in snapshot.robots.values())
+    tail += counted(robot.state for robot in snapshot.robots.values())
     room = max(8, min(60, width - head.cell_len - len(tail) - 1))
     length = standing.end - standing.start
     share = (standing.position - standing.start) / length if length > 0.0 else 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -16,11 +16,10 @@ from rich.text import Text
 from formation.deploy.terminal.snapshot import Progress, RobotNow, Snapshot
 from formation.deploy.terminal.units import metres, seconds
 from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.snapshot import SATURATED_SHARE
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"
-SATURATED_SHARE = 0.995
-"""Share of a limit from which a command counts as at its limit."""
 LATE_POSITION_AGE = 0.5
 """Age from which on a position is marked [s]."""
 COLOURS = {
@@ -45,12 +44,6 @@ NUMBERS = ("error", "θ error", "age")
 ECHO = len("^C")
 """Width left free after the last line [characters], where a terminal shows ^C at Ctrl-C. Without it that
 would take one more line, and the table would be redrawn below its own title."""
-
-
-def states(of_robots: Iterable[str]) -> str:
-    """Return the number of robots in each state: ``5 run, 1 hold``."""
-    known = [state for state in of_robots if state]
-    return ", ".join(f"{known.count(state)} {state}" for state in dict.fromkeys(known))
 
 
 def happened(event: Event) -> str:

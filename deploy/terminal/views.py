@@ -11,9 +11,10 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 
 from formation.deploy.terminal.snapshot import Progress
-from formation.deploy.terminal.table import draw, happened, states
+from formation.deploy.terminal.table import draw, happened
 from formation.deploy.terminal.units import metres
 from formation.monitor.metrics.event import Event
+from formation.monitor.metrics.words import counted
 
 LINE_PERIOD = 2.0
 """Time between two lines [s]."""
@@ -124,7 +125,7 @@ def line(progress: Progress) -> str:
         return f"{head}  {note or 'no word from the monitor yet'}"
     if not snapshot.robots:
         return f"{head}  nothing is known: there are no measurements any more"
-    counts = states(robot.state for robot in snapshot.robots.values())
+    counts = counted(robot.state for robot in snapshot.robots.values())
     over = f" over {snapshot.partial.words}" if snapshot.partial else ""
     settled = "  settled" if progress.settled else ""
     return f"{head}  error {metres(snapshot.known_error)}{over}{settled}  {counts}"

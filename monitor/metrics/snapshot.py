@@ -18,6 +18,9 @@ AVOIDING = {
 }
 """Limits on a robot's command: a word for a table, and a longer text."""
 
+SATURATED_SHARE = 0.995
+"""Share of a limit from which a command counts as at its limit."""
+
 SIGHT = {
     "searching": "does not see its neighbours yet",
     "reckoning": "sees no neighbour, goes on by odometry",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from formation.monitor.metrics.snapshot import KeyMetrics, RobotMetrics, Snapshot
@@ -59,12 +59,11 @@ def line(snapshot: Snapshot) -> str:
         error += f" (odometry alone would be off by up to {_length(corrections[worst])}: {worst})"
     settled = snapshot.settled_at if snapshot.known.complete else snapshot.known_verdict.settled_at
     settled = None if snapshot.known.error is None else settled
-    states = Counter(robot.shown for robot in snapshot.robots.values())
     parts = [
         f"{snapshot.elapsed:6.1f} s",
         f"error {error}",
         "" if settled is None else f"settled at {settled:.1f} s",
-        ", ".join(f"{count} {state}" for state, count in states.items()),
+        counted(robot.shown for robot in snapshot.robots.values()),
         _led(snapshot),
         f"waits for {snapshot.waits}" if snapshot.waits else "",
         *(
@@ -76,6 +75,11 @@ def line(snapshot: Snapshot) -> str:
         f"{sum(snapshot.rejected.values())} rejected" if snapshot.rejected else "",
     ]
     return "  ".join(part for part in parts if part)
+
+
+def counted(states: Iterable[str]) -> str:
+    """Return the number of robots in each state that is known: ``5 run, 1 hold``."""
+    return ", ".join(f"{count} {state}" for state, count in Counter(filter(None, states)).items())
 
 
 def error_words(snapshot: Snapshot) -> str:

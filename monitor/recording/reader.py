@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,7 @@ from mcap.records import Channel, Metadata, Statistics
 from formation.control.laws import LAWS
 from formation.mission.file import MissionError, parse
 from formation.mission.model import Mission
+from formation.monitor.metrics.event import clock_step, from_message
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked
@@ -33,14 +35,16 @@ from formation.monitor.recording.scan import (
     times_of,
     understood,
 )
-from formation.monitor.recording.timeline import MAX_DISORDER, Timeline
-from formation.topics import ERROR
-from formation.wire import Now, Sample
+from formation.ros2.messages import LogEntry, decode
+from formation.topics import ERROR, EVENTS
+from formation.wire import BadMessage, Now, Sample
 
 LOOK_PERIOD = 0.1
 """Time between two looks of a live monitor [s]."""
 MAX_CHUNK_TIME = 1.0
 """Longest time within a chunk, and between two, that is no sign of a clock that was set [s]."""
+MAX_DISORDER = 0.1
+"""Largest step back of the arrivals on one key that is no sign of a clock that was set [s]."""
 _OWN = frozenset(one.key for one in OWN)
 
 
@@ -239,6 +243,30 @@ def _counted(part: Path) -> tuple[dict[int, str], Counter[int], list[Times], lis
                 logged = [message.logged for message in chunk.messages]
                 chunks.append(Times(min(logged), max(logged)))
     return keys, numbers, chunks, chunks
+
+
+class Timeline:
+    """The recorder's system clock as if it had not been set. Pass the messages in the order of the file.
+
+    The monitor's events say by how much it was set. In a recording without them a step back shows in the
+    arrivals on a key, to within the time between two messages; a step forward looks like a pause, and stays.
+    """
+
+    def __init__(self) -> None:
+        self._ahead = 0.0  # the system clock before this time [s]
+        self._newest = -math.inf
+        self._last: dict[str, float] = {}  # by key
+
+    def moment(self, key: str, payload: bytes, wall: float) -> float:
+        """Return the time [s] of the next message, which arrived at `wall` [s, recorder's system clock]."""
+        if key == EVENTS.key():
+            with suppress(BadMessage):
+                self._ahead += clock_step(from_message(decode(LogEntry, payload)))
+        moment = wall - self._ahead
+        if moment < self._last.get(key, -math.inf) - MAX_DISORDER:
+            moment, self._ahead = self._newest, wall - self._newest
+        self._last[key], self._newest = moment, max(self._newest, moment)
+        return moment
 
 
 def _messages(parts: Sequence[Path], since: float = -math.inf) -> Iterator[Recorded]:

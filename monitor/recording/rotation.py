@@ -6,6 +6,7 @@ import argparse
 import errno
 import os
 import re
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,6 +61,11 @@ def add_rotation_flags(to: argparse.ArgumentParser) -> None:
         "--rotate-time", metavar="TIME", type=of_time, default=ROTATION.time,
         help=f"go on in another file after so long, such as 90s, 30min, 2h, or {OFF} (default: {OFF})",
     )  # fmt: skip
+
+
+def new_path(mission: str) -> Path:
+    """Return the default path of a recording that begins now; `mission` is the mission's name."""
+    return Path("recordings", f"{mission}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap")
 
 
 def part_path(first: Path, number: int) -> Path:

@@ -8,7 +8,7 @@ away from all robots, however they are linked.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
@@ -35,11 +35,6 @@ class Echo:
         self._keys: set[str] = set()
         for one in (*watched(mission), *OWN):
             self._declare(one.topic, one.key)
-
-    @property
-    def keys(self) -> Iterable[str]:
-        """Every declared key, with its prefix."""
-        return self._keys
 
     def publish(self, sample: Sample) -> None:
         """Publish a recorded message."""

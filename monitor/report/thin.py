@@ -15,6 +15,7 @@ import numpy as np
 
 from formation.control.arrays import FloatArray
 from formation.mission.model import Mission
+from formation.monitor.metrics.snapshot import SATURATED_SHARE
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.wire import BadMessage
 
@@ -25,8 +26,6 @@ HEAD_ROWS = 1200
 """Of these, the first ones that are never thinned: a minute of commands at 20 Hz."""
 MAX_SAMPLED_VALUES = 1 << 16
 """Number of values from which percentiles are taken."""
-SATURATED_SHARE = 0.995
-"""Share of a limit from which a command counts as at its limit."""
 MAX_LINE_GAP = 1.0
 """Longest silence across which a line is drawn [s]."""
 

@@ -70,7 +70,7 @@ def whole(value: float | None) -> str:
 def size(value: int) -> str:
     """Return a size [bytes]: 1.9 MB."""
     for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if value >= factor:
+        if value >= 0.99995 * factor:
             return f"{value / factor:.1f} {unit}"
     return f"{value} bytes"
 
