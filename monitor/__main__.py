@@ -140,7 +140,7 @@ def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Seque
 
 def _write_layout(path: Path, mission: Mission) -> None:
     if path.exists():
-        raise BadInput(f"--foxglove-layout {path}: exists already")
+        raise BadInput(f"--foxglove-layout {path}: exists already; name a new file")
     try:
         make_folder(path.parent)
         with path.open("x", encoding="utf-8") as file:
@@ -167,9 +167,9 @@ def _page(
 ) -> PageServer | None:
     """Return the page, not yet served, with its operator. Raises BadInput and BusError."""
     if args.control and args.no_page:
-        raise BadInput("--control: gives orders by the page, which --no-page leaves out")
+        raise BadInput("--control: needs the page; leave out --no-page")
     if args.control_config is not None and not args.control:
-        raise BadInput("--control-config FILE: says how --control gives orders, which is missing")
+        raise BadInput("--control-config FILE: needs --control")
     if args.no_page:
         return None
     control = None
@@ -210,7 +210,7 @@ def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
 def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
     """Return the naming of the monitor's own topics: from flags, else the first follower's."""
     if not args.ros and (args.ros_names is not None or args.ros_domain is not None):
-        raise BadInput("--ros-names and --ros-domain: say how --ros ENDPOINT spells, which is missing")
+        raise BadInput("--ros-names and --ros-domain: need --ros ENDPOINT")
     if args.ros:
         _check("--ros", args.ros)
     first = mission.robots[mission.followers[0]]

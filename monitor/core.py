@@ -112,8 +112,8 @@ class Monitor:
         if not MAX_STEP_TIME < pause < math.inf:
             return
         self._judges_from = now.mono + MAX_STEP_TIME
-        text = f"the monitor stood still for {pause:.1f} s; messages of that time may be missing"
-        self.note(Event(now.wall, WARNING, "", "frozen", text))
+        text = f"the monitor stood still for {pause:.1f} s, limit {MAX_STEP_TIME:g} s"
+        self.note(Event(now.wall, WARNING, "", "frozen", f"{text}; messages of that time may be missing"))
 
     def _noted_events(self) -> Iterator[Outgoing]:
         while self._noted:

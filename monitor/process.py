@@ -64,7 +64,7 @@ class Showing:
             self._source.step()
         except Exception:  # noqa: BLE001 - the monitor must go on without a page
             if self._complaints.tick(now.mono):
-                _log.exception("the page cannot be shown what is new")
+                _log.exception("the page cannot be updated")
 
     def _frame(self, now: Now, recorder: Recorder | None) -> None:
         snapshot = self._monitor.snapshot

@@ -80,13 +80,13 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
     if AUTHORITY in ends:
         raise Refusal(
             f"mission {mission.name}: no robot or standby of the field can be called {AUTHORITY!r}: its key"
-            " would replace the key of the authority, which is in the folder of that name; call it otherwise"
+            " would replace the key of the authority, which is in the folder of that name; rename it"
         )
     for name in VISITORS:
         if name in mission.robots:
             raise Refusal(
                 f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
-                f" the certificate of the {name} says; call it otherwise"
+                f" the certificate of the {name} says; rename it"
             )
     return {name: _host(name, end) for name, end in ends.items()}
 
@@ -219,7 +219,7 @@ def access_control(mission: Mission, process: str) -> dict[str, Any]:
 
 
 def text(mission: Mission, process: str, settings: Mapping[str, Any]) -> str:
-    """Return a configuration as the JSON5 file for `formation … -c`. Raises nothing."""
+    """Return a configuration as the JSON5 file for `formation … -c`."""
     return (
         f"// Zenoh configuration of {process} in the mission {mission.name}, made by `formation deploy`.\n"
         "// It links only with the processes that the mission names, both proving their identity (mTLS),\n"

@@ -137,13 +137,13 @@ def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
         raise Refusal(f"--only {unknown[0]!r}: must be one of {', '.join(bundles)}")
     if not PLACE.fullmatch(options.prefix) or options.prefix.replace("{robot}", "").count("{"):
         raise Refusal(f"--prefix {options.prefix!r}: must be an absolute path of letters, digits, . _ - /")
-    named = {*options.only, *addresses}
+    mentioned = {*options.only, *addresses}
     chosen = {name: bundle for name, bundle in bundles.items() if not options.only or name in options.only}
-    here = [name for name, one in chosen.items() if name not in named and _leads_from_here(one)]
+    here = [name for name, one in chosen.items() if name not in mentioned and _leads_from_here(one)]
     for name in here:
         del chosen[name]
         print(
-            f"{name}: leads from this machine, left out (--only {name} means it all the same)",
+            f"{name}: leads from this machine, left out; --only {name} includes it",
             file=sys.stderr,
         )
     if not chosen:

@@ -190,7 +190,7 @@ def _options() -> argparse.ArgumentParser:
 def _page_flags(options: argparse.Namespace) -> list[str]:
     """Return the monitor's flags for the page. Raises Refusal, also if it cannot be served there."""
     if options.no_page and options.control:
-        raise Refusal("--control: gives orders by the page, which --no-page leaves out")
+        raise Refusal("--control: needs the page; leave out --no-page")
     if options.page:
         with refused(f"--page {options.page}"):
             listening(options.page).close()

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str]) -> int:
                 copied=lambda share: bar.at(0.5 + 0.5 * share),
             )
     except FileExistsError:
-        reason = "exists already, and a recording is never overwritten"
+        reason = "exists already; name a new file"
         raise Refusal(f"{out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
     except OSError as error:
         raise Refusal(f"{args.file}: cannot be recovered to {out}: {error.strerror}") from None

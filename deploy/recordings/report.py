@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> int:
     """Make a report; return the exit code."""
     options = _options().parse_args(arguments)
     if options.format and options.figures is None:
-        raise Refusal("--format: is of figures, which --figures DIR asks for")
+        raise Refusal("--format: needs --figures DIR")
     options.format = options.format or ["png", "svg"]
     recordings = [_open(path) for path in (options.file, options.second) if path is not None]
     out = _out(options.out, recordings)

@@ -122,9 +122,9 @@ def line(progress: Progress) -> str:
     snapshot = progress.snapshot
     if snapshot is None:
         note = progress.note.partition("\n")[0]
-        return f"{head}  {note or 'no word from the monitor yet'}"
+        return f"{head}  {note or 'nothing received from the monitor yet'}"
     if not snapshot.robots:
-        return f"{head}  nothing is known: there are no measurements any more"
+        return f"{head}  nothing is known: the monitor has ended"
     counts = counted(robot.state for robot in snapshot.robots.values())
     over = f" over {snapshot.partial.words}" if snapshot.partial else ""
     settled = "  settled" if progress.settled else ""

@@ -108,7 +108,7 @@ class _Robot:
             yield Event(now.wall, ERROR if contested else INFO, self.name, "contested", text)
         forges = self.name in snapshot.forgers
         if (more := self._relays.report("forged" if forges else "true", now.mono)) is not None:
-            text = "relays no forged orders any more"
+            text = "no longer relays forged orders"
             if forges:
                 text = "relays forged orders: others refuse them; take it out of the mission, or stop it"
             yield Event(now.wall, ERROR if forges else INFO, self.name, "forged", text + more)
@@ -352,7 +352,7 @@ class _Leading:
 
     def _awaited(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         if (more := self._waits.report("waits" if snapshot.waits else "goes on", now.mono)) is not None:
-            text = f"waits for {snapshot.waits}" if snapshot.waits else "waits no longer"
+            text = f"waits for {snapshot.waits}" if snapshot.waits else "no longer waits"
             level = WARNING if snapshot.waits else INFO
             yield Event(now.wall, level, "", "waits", f"the leader {text}{more}")
 

@@ -300,7 +300,8 @@ class Disk:
         except OSError as error:
             if self.failure is None:
                 self.tell(
-                    logging.WARNING, f"{part.path} has no index, for it cannot be ended: {error.strerror}"
+                    logging.WARNING,
+                    f"{part.path}: its index cannot be written: {error.strerror}; see formation recover",
                 )
         self._ended = mark
         self._forcer.confirm(mark)

@@ -216,12 +216,14 @@ class Recorder:
             self._unsafe.popleft()
         behind = mono - self._unsafe[0] if self._unsafe else 0.0
         if behind > MIN_REPORTED_DELAY and not self._is_late:
-            lost = f"a power cut would take the last {behind:.1f} s"
-            self._disk.tell(logging.WARNING, f"the disk is slow: {lost}")
+            text = f"the disk is {behind:.1f} s behind, limit {MIN_REPORTED_DELAY:g} s"
+            self._disk.tell(logging.WARNING, f"{text}: a power cut would lose these; use a faster disk")
         self._is_late = behind > MIN_REPORTED_DELAY
         full = sum(self._waiting) > (MAX_WAITING_BYTES // 2 if self._is_full else MAX_WAITING_BYTES)
         if full and not self._is_full:
-            self._disk.tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
+            waiting = f"{sum(self._waiting) / 1e6:.0f} MB wait, limit {MAX_WAITING_BYTES / 1e6:.0f} MB"
+            text = f"nothing is recorded any more: the disk is {behind:.0f} s behind, {waiting}"
+            self._disk.tell(logging.ERROR, f"{text}; goes on when half is written")
         elif self._is_full and not full:
             self._disk.tell(logging.WARNING, "recording goes on: the disk has caught up")
         self._is_full = full
@@ -242,6 +244,6 @@ def stamp_of(payload: bytes) -> int | None:
 
 def _why(path: Path, error: OSError) -> str:
     if isinstance(error, FileExistsError):
-        reason = "exists already, and a recording is never overwritten"
+        reason = "exists already; name a new file"
         return f"--record {path}: {reason if path.exists() else f'{path.parent} is no folder'}"
     return f"--record {path}: cannot be written: {error.strerror}"

@@ -49,8 +49,12 @@ LONG_AGO_AGE = 3600.0
 """Age reported as "long ago" [s]: a page that has shown nothing yet reports the year 1970."""
 ANSWER_TIMEOUT_SECONDS = 3.0
 """Time for all robots to answer [s]."""
-NO_PAPERS = "robots under certificates obey the operator alone: name its configuration, --control-config FILE"
-OTHERS_PAPERS = "robots under certificates obey the operator alone: is that certificate in --control-config?"
+NO_CERTIFICATE = (
+    "robots under certificates obey the operator alone: name its configuration, --control-config FILE"
+)
+OTHER_CERTIFICATE = (
+    "robots under certificates obey the operator alone: is that certificate in --control-config?"
+)
 
 
 class Overruled(ValueError):  # noqa: N818 - the order is valid, but comes at the wrong moment
@@ -132,12 +136,16 @@ class Precedence:
         """
         if behind is not None and behind > MAX_SHOWN_AGE:
             ago = f"{behind:.0f} s ago" if behind < LONG_AGO_AGE else "long ago"
-            raise Overruled(f"{wanted}: this page shows what was {ago}; look again first")
+            raise Overruled(f"{wanted}: this page shows what was {ago}; reload it first")
         for one in self._given:
             if one.going and (rest := one.request.do) in RESTS:
-                raise Overruled(f"{wanted}: a {rest} is being given, and not every robot has answered it yet")
+                raise Overruled(
+                    f"{wanted}: a {rest} is being given, and not every robot has answered yet; wait for that"
+                )
         if now - self._rested < UNSEEN_STOP_TIME + (behind or 0.0):
-            raise Overruled(f"{wanted}: a stop or a hold was given just now; look, then ask again")
+            raise Overruled(
+                f"{wanted}: a stop or a hold was given just now; see the robots' states, then order again"
+            )
 
     def _overrule(self, given: Given) -> None:
         """End all older orders except stops; `check` refuses those that must not end a hold."""
@@ -174,7 +182,7 @@ def on_the_bus(
     )
     why = ""
     if wiring.under_certificates(connect or implied.connect):
-        why = OTHERS_PAPERS if own_file else NO_PAPERS
+        why = OTHER_CERTIFICATE if own_file else NO_CERTIFICATE
     try:
         return Operator(mission, Bus(config), note, why)
     except BusError as error:

@@ -149,7 +149,9 @@ class Orders:
         if do == "shape":
             what["shape"] = _one_of(body, "shape", self._source.shapes)
         if self._under_way >= MAX_ORDERS + MAX_EXTRA_STOPS * (do == "stop"):
-            raise HTTPException(429, "too many orders at once", {"retry-after": "1"})
+            raise HTTPException(
+                429, f"{self._under_way} orders are under way; try again", {"retry-after": "1"}
+            )
         order = partial(
             self._control.order, do, click=_text(body, "click"), seen=_number(body, "seen"), **what
         )
@@ -160,7 +162,9 @@ class Orders:
         self._know(request)
         body = await _body(request)
         if self._driving >= MAX_DRIVES:
-            raise HTTPException(429, "others drive already", {"retry-after": "1"})
+            raise HTTPException(
+                429, f"{MAX_DRIVES} velocities are under way; try again", {"retry-after": "1"}
+            )
         share = {name: _number(body, name) or 0.0 for name in ("forward", "turn")}
         token = int(_number(body, "token") or 0.0)
         drive = partial(self._control.drive, driver=_text(body, "driver"), token=token, **share)
@@ -230,7 +234,7 @@ async def _body(request: Request) -> dict[str, Any]:
                 if len(data) > MAX_BODY_BYTES:
                     raise HTTPException(413, f"the body must be at most {MAX_BODY_BYTES} bytes")
     except TimeoutError:
-        raise HTTPException(408, "the body did not come") from None
+        raise HTTPException(408, f"the body did not arrive within {READ_TIMEOUT_SECONDS:g} s") from None
     except ClientDisconnect:
         raise HTTPException(400, "the body was cut off") from None
     try:

@@ -55,7 +55,12 @@ class Streams:
             await _answer(send, 200, HEADERS)
             return
         if self._places >= MAX_STREAMS:
-            await _answer(send, 503, [(b"retry-after", b"5")], b"too many are looking already\n")
+            await _answer(
+                send,
+                503,
+                [(b"retry-after", b"5")],
+                b"%d pages are open, and more are not served: close one\n" % MAX_STREAMS,
+            )
             return
         self._looking(streams=+1)
         gone = asyncio.create_task(_gone(receive))

@@ -116,7 +116,7 @@ def test_layout_is_written_without_sdk_or_overwriting(
     written = path.read_text(encoding="utf-8")
     assert written.startswith('{\n  "configById"')
     again = monitor(capsys, "--foxglove-layout", str(path))
-    assert again == (2, f"monitor: --foxglove-layout {path}: exists already\n")
+    assert again == (2, f"monitor: --foxglove-layout {path}: exists already; name a new file\n")
     assert path.read_text(encoding="utf-8") == written
     below = monitor(capsys, "--foxglove-layout", str(path / "layout.json"))
     why = "cannot be written: File exists"

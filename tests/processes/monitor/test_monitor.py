@@ -234,8 +234,8 @@ def test_ros_flag_publishes_metrics_as_ros_2_topics(run: Run) -> None:
         (("--stage", "robot9=tcp/desk:7"), "'robot9' must be a follower of six-robots: robot2"),
         (("--ros", "tcp/desk"), "--ros 'tcp/desk': must be PROTOCOL/HOST:PORT"),
         (("--ros-names", "rmw_zenoh"), "--ros ENDPOINT"),
-        (("--no-page", "--control"), "--control: gives orders by the page, which --no-page leaves out"),
-        (("--control-config", "o.json5"), "--control-config FILE: says how --control gives orders"),
+        (("--no-page", "--control"), "--control: needs the page; leave out --no-page"),
+        (("--control-config", "o.json5"), "--control-config FILE: needs --control"),
         (("--page", "192.0.2.1:8460"), "--page 192.0.2.1:8460: Cannot assign requested address"),
     ],
 )

@@ -177,7 +177,7 @@ def test_events_are_listed_newest_first_and_filtered(browser: Browser, six: Serv
             "robot3: no neighbour is fresh", "robot5: no position for 1.0 s", "robot2: joined",
         ]  # fmt: skip
         assert page.get_attribute("#event-list", "aria-live") == "polite"
-        page.check("#event-grave")
+        page.check("#event-warnings")
         assert items.count() == 2
         page.fill("#event-filter", "robot5")
         assert items.count() == 1

@@ -90,7 +90,7 @@ def test_cut_recording_is_reported_as_cut(
         (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
         (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "text.txt is a file, and no folder"),
         (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
-        (["{run}", "--format", "pdf"], "--format: is of figures, which --figures DIR asks for"),
+        (["{run}", "--format", "pdf"], "--format: needs --figures DIR"),
         (["{run}", "--until", "0"], "above 0"),
         ([], "FILE"),
     ],

@@ -1,4 +1,4 @@
-/** Events as lines. What befell many robots at once is one line: a hundred that join would hide all else. */
+/** Events as lines. The same event of many robots at once is one line: a hundred that join would hide all others. */
 
 const AT_ONCE = 1; // events of one kind within so long belong together [s] …
 const MANY = 3; // … if they are of so many robots

@@ -13,11 +13,11 @@ export class EventList {
     this.model = model;
     this.list = byId("event-list");
     this.filter = byId("event-filter");
-    this.grave = byId("event-grave");
+    this.warnings = byId("event-warnings");
     this.shown = new Map(); // items by what is in them
     this.outdated = false;
     this.filter.addEventListener("input", () => this.show());
-    this.grave.addEventListener("change", () => this.show());
+    this.warnings.addEventListener("change", () => this.show());
   }
 
   /** Other events than those so far. */
@@ -71,7 +71,7 @@ export class EventList {
 
   matches(event) {
     const text = this.filter.value.trim().toLowerCase();
-    if (this.grave.checked && event.level < 30) return false;
+    if (this.warnings.checked && event.level < 30) return false;
     return !text || `${event.robot} ${event.kind} ${event.text}`.toLowerCase().includes(text);
   }
 }

@@ -3,8 +3,8 @@
 import { make, setAttribute, setText } from "./dom.js";
 import * as format from "./format.js";
 
-/** From these shares on a robot is well, and ailing; below it is ill. */
-const WELL = 0.7, AILING = 0.3;
+/** Shares from which on a robot's health is good, and fair; below it is poor. */
+const GOOD = 0.7, FAIR = 0.3;
 const SYMBOLS = { run: "▶", hold: "Ⅱ", stop: "■", waiting: "…", lost: "✕", silent: "?", unseen: "?" };
 const TONES = { run: "good", hold: "warn", stop: "bad", lost: "bad", waiting: "warn", silent: "warn" };
 
@@ -74,7 +74,7 @@ export class Row {
     const share = known ? `${Math.round(100 * health)} %` : "–";
     const text = known ? `health ${share}: ${this.robot.healthWhy || "all well"}` : "health not known";
     setText(this.health, share);
-    setAttribute(this.health, "data-health", !known ? "unknown" : health >= WELL ? "well" : health >= AILING ? "ailing" : "ill");
+    setAttribute(this.health, "data-health", !known ? "unknown" : health >= GOOD ? "good" : health >= FAIR ? "fair" : "poor");
     setAttribute(this.health, "aria-label", text);
     setAttribute(this.health, "title", text);
   }

@@ -161,7 +161,7 @@ def test_dead_monitor_clears_old_figures() -> None:
     now.dead["monitor"] = "was killed (SIGKILL)"
     now.lose_sight()
     assert not now.settled
-    assert line(now) == " 12.0 of 30 s  nothing is known: there are no measurements any more"
+    assert line(now) == " 12.0 of 30 s  nothing is known: the monitor has ended"
     lines = picture(now)
     assert row(lines, "robot3").split() == ["robot3", "-", "-", "-", "-", "-", "-"]
     assert row(lines, "error").split()[1] == "-"
@@ -297,7 +297,7 @@ def test_plain_line_counts_robots_by_state() -> None:
     assert line(progress(robots={"robot2": RUNNING._replace(state="hold")})) == (
         " 12.0 of 30 s  error 1.25 m  5 run, 1 hold"
     )
-    assert "no word from the monitor" in line(replace(progress(), snapshot=None))
+    assert "nothing received from the monitor" in line(replace(progress(), snapshot=None))
 
 
 def test_sparkline_is_logarithmic_and_within_its_width() -> None:

@@ -324,7 +324,7 @@ SEES = {"sight": Sight.LOCKED, "sight_deviation": {"robot2": 0.006}, "sight_corr
 LOST = {"sight": Sight.RECKONING, "sight_correction": 0.2}
 STATUSES: list[tuple[str, str, list[dict[str, Any]], list[tuple[int, str]]]] = [
     ("robot1", "waits", [{"waits_for": names} for names in ((), ("robot4", "robot5"), ("robot5",), ())],
-     [(30, "the leader waits for robot4, robot5"), (20, "the leader waits no longer")]),
+     [(30, "the leader waits for robot4, robot5"), (20, "the leader no longer waits")]),
     ("robot4", "fallback",
      [{"follows": names} for names in (("robot2", "robot3"), ("robot1",), ("robot2",))],
      [(30, "none of its own neighbours is left, it follows robot1"), (20, "its own neighbours are back")]),
@@ -492,7 +492,7 @@ def test_frozen_monitor_calls_no_robot_silent() -> None:
     one.drive(80.0)
     frozen, *others = one.reported[len(one.reported) - 1 :]
     assert (frozen.kind, frozen.text) == (
-        "frozen", "the monitor stood still for 60.0 s; messages of that time may be missing"
+        "frozen", "the monitor stood still for 60.0 s, limit 1 s; messages of that time may be missing"
     )  # fmt: skip
     assert not others
     assert not of(one.reported, "lost")
