@@ -265,6 +265,6 @@ def _not_the_operators(config: Path | None) -> str:
         return ""
     from formation.deploy.doctor import tls  # noqa: PLC0415 - takes longer than a stop
 
-    papers = tls.papers_of(config)
-    found = None if papers is None else tls.read(OPERATOR, papers)
+    credentials = tls.credentials_of(config)
+    found = None if credentials is None else tls.read(OPERATOR, credentials)
     return "" if found is None or found.name == OPERATOR else found.name

@@ -86,7 +86,7 @@ class Watcher:
         self._begin = clocks().mono
         self._shown = 0
         self._tags = tags_of(mission)
-        self._strangers: frozenset[str] = frozenset()  # when last shown
+        self._on_other_mission: frozenset[str] = frozenset()  # when last shown
 
     @property
     def elapsed(self) -> float:
@@ -106,7 +106,7 @@ class Watcher:
         return self._monitor.snapshot or self._monitor.metrics.snapshot(now)
 
     @property
-    def strangers(self) -> frozenset[str]:
+    def on_other_mission(self) -> frozenset[str]:
         """Robots and candidates that run another mission."""
         missions = self._monitor.metrics.missions(clocks())
         return frozenset(name for name, one in missions.items() if one[:TAG_CHARS] not in self._tags)
@@ -114,9 +114,9 @@ class Watcher:
     def show(self, progress: Progress, snapshot: metrics.Snapshot) -> None:
         """Put the snapshot into `progress`."""
         progress.elapsed = self.elapsed
-        strangers, self._strangers = self._strangers, self.strangers
-        if self._strangers - strangers:
-            text = strangers_message(self.mission, self._strangers)
+        before, self._on_other_mission = self._on_other_mission, self.on_other_mission
+        if self._on_other_mission - before:
+            text = other_mission_message(self.mission, self._on_other_mission)
             progress.events.append(Event(clocks().wall, ERROR, "", "another mission", text))
         if self.has_received:
             news = [one for one in self._monitor.events if one.number > self._shown]
@@ -148,10 +148,10 @@ def all_run(snapshot: metrics.Snapshot) -> bool:
     )
 
 
-def strangers_message(mission: Mission, names: Iterable[str]) -> str:
+def other_mission_message(mission: Mission, names: Iterable[str]) -> str:
     """Return the message that these robots and candidates run another mission."""
     robots = ", ".join(name for name in dict.fromkeys((*mission.candidates, *mission.names)) if name in names)
-    return f"{robots} run another mission than {mission.name}, or another version of it: name that one"
+    return f"{robots} run another mission than {mission.name}, or another version of it; name theirs"
 
 
 def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
@@ -195,9 +195,11 @@ def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
         )
     if options.json:
         print(as_json(_report(watcher, snapshot)), flush=True)
-    if watcher.strangers:
-        print(f"formation: {strangers_message(watcher.mission, watcher.strangers)}", file=sys.stderr)
-    return 0 if all_run(snapshot) and not watcher.strangers else 1
+    if watcher.on_other_mission:
+        print(
+            f"formation: {other_mission_message(watcher.mission, watcher.on_other_mission)}", file=sys.stderr
+        )
+    return 0 if all_run(snapshot) and not watcher.on_other_mission else 1
 
 
 def _complete(snapshot: metrics.Snapshot) -> bool:
@@ -209,11 +211,11 @@ def _complete(snapshot: metrics.Snapshot) -> bool:
 
 
 def _report(watcher: Watcher, snapshot: metrics.Snapshot) -> dict[str, Any]:
-    strangers = watcher.strangers
+    other = watcher.on_other_mission
     return {
         "mission": watcher.mission.name,
-        "all_run": all_run(snapshot) and not strangers,
-        "other_mission": sorted(strangers),
+        "all_run": all_run(snapshot) and not other,
+        "other_mission": sorted(other),
         **snapshot_as_json(snapshot),
     }
 

@@ -49,8 +49,8 @@ Checks = Mapping[str, Sequence[Checked]]
 class Style(NamedTuple):
     """The marks of results."""
 
-    well: str
-    ill: str
+    good: str
+    bad: str
     arrow: str
     bold: str
     plain: str
@@ -92,16 +92,16 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
     config = options.config or (current / "zenoh.json5")
     if options.mission is None and not config.is_file():
         raise Refusal(f"{config} is missing: install this robot's bundle again")
-    papers = tls.papers_of(config) if options.config or config.is_file() else None
+    credentials = tls.credentials_of(config) if options.config or config.is_file() else None
     if options.certificates is not None:
-        papers = tls.papers_in(options.certificates, [robot]).get(robot, papers)
+        credentials = tls.credentials_in(options.certificates, [robot]).get(robot, credentials)
     there = current / "mission.toml"
     given = options.mission is not None
     facts = gather.robot_facts(
         mission,
         robot,
         options.seconds,
-        papers,
+        credentials,
         there if given and there.is_file() else None,
         options.robot_connect or endpoints(mission).robots[robot],
     )
@@ -109,11 +109,13 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
 
 
 def _desk(options: argparse.Namespace, mission: Mission) -> Checks:
-    papers = None if options.config is None else tls.papers_of(options.config)
+    credentials = None if options.config is None else tls.credentials_of(options.config)
     facts = gather.fleet_facts(
-        mission, members(mission), options.seconds, options.config, papers, options.certificates
+        mission, members(mission), options.seconds, options.config, credentials, options.certificates
     )
-    checks = {"desk": examine((LEADING, CLOCKS, CERTIFICATES), gather.desk_facts(mission, papers, facts))}
+    checks = {
+        "desk": examine((LEADING, CLOCKS, CERTIFICATES), gather.desk_facts(mission, credentials, facts))
+    }
     checks.update((one.robot, examine(EXAMINATIONS, one)) for one in facts)
     return {name: checked for name, checked in checks.items() if checked}
 
@@ -141,11 +143,11 @@ def words(checks: Checks, style: Style = PLAIN) -> str:
         for one in checked:
             lines += _lines(one, style)
         lines.append("")
-    ill = {name: sum(len(one.findings) for one in checked) for name, checked in checks.items()}
-    found = sum(ill.values())
+    counts = {name: sum(len(one.findings) for one in checked) for name, checked in checks.items()}
+    found = sum(counts.values())
     if not found:
         return "\n".join([*lines, "healthy: nothing is wrong"])
-    where = ", ".join(name for name, count in ill.items() if count)
+    where = ", ".join(name for name, count in counts.items() if count)
     things = "1 thing is" if found == 1 else f"{found} things are"
     return "\n".join([*lines, f"{things} wrong: {where}"])
 
@@ -173,9 +175,9 @@ def ok(checks: Checks) -> bool:
 
 def _lines(one: Checked, style: Style) -> Iterator[str]:
     if not one.findings:
-        yield from _wrapped(f"  {style.well} {one.title:<{TITLE_WIDTH}}", one.seen)
+        yield from _wrapped(f"  {style.good} {one.title:<{TITLE_WIDTH}}", one.seen)
     for finding in one.findings:
-        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE_WIDTH}}", finding.sentence)
+        yield from _wrapped(f"  {style.bad} {one.title:<{TITLE_WIDTH}}", finding.sentence)
         yield from _wrapped(f"    {'':<{TITLE_WIDTH}}{style.arrow} ", finding.remedy, hang=2)
 
 

@@ -74,7 +74,7 @@ class ScanMessage(NamedTuple):
     """Angle from its first beam to its last, as a share of a full turn."""
 
 
-class Party(NamedTuple):
+class RosNode(NamedTuple):
     """A publisher or subscriber of cmd_vel in ROS."""
 
     name: str
@@ -154,9 +154,9 @@ class Facts:
     """State of the robot's watchdog; empty if none answers, None if not queried."""
     watchdog_unit: str | None = None
     """State of the watchdog's systemd unit, if there is one."""
-    listeners: tuple[Party, ...] = ()
+    subscribers: tuple[RosNode, ...] = ()
     """Subscribers of cmd_vel, as far as ROS shows them."""
-    speakers: tuple[Party, ...] = ()
+    publishers: tuple[RosNode, ...] = ()
     """Publishers of cmd_vel, as far as ROS shows them."""
     reached: Mapping[str, Reached] = field(default_factory=dict)
     """Other robots' agents by name; at the desk this robot's own."""
@@ -205,9 +205,9 @@ class Examination(NamedTuple):
     """One kind of examination."""
 
     title: str
-    look: Callable[[Facts], Iterator[Finding]]
+    findings: Callable[[Facts], Iterator[Finding]]
     """Yields the faults; none if all is well or nothing is known."""
-    well: Callable[[Facts], str]
+    seen: Callable[[Facts], str]
     """Returns the observation in a few words; empty if it was not examined."""
 
 
@@ -221,5 +221,5 @@ class Checked(NamedTuple):
 
 def examine(examinations: Sequence[Examination], facts: Facts) -> list[Checked]:
     """Return the examinations with a result."""
-    checked = [Checked(one.title, tuple(one.look(facts)), one.well(facts)) for one in examinations]
+    checked = [Checked(one.title, tuple(one.findings(facts)), one.seen(facts)) for one in examinations]
     return [one for one in checked if one.findings or one.seen]

@@ -20,12 +20,12 @@ from formation.deploy.doctor.facts import (
     Certificate,
     Chrony,
     Facts,
-    Party,
     ReceivedMessage,
+    RosNode,
     ScanMessage,
     Stream,
 )
-from formation.deploy.doctor.tls import Papers, reach
+from formation.deploy.doctor.tls import Credentials, reach
 from formation.deploy.fleet.on_robot import output_of, unit_facts
 from formation.deploy.refusal import refusing
 from formation.mission.file import MissionError, load
@@ -54,14 +54,19 @@ Listened = dict[str, list[tuple[Sample, float]]]
 
 
 def robot_facts(
-    mission: Mission, robot: str, seconds: float, papers: Papers | None, installed: Path | None, router: str
+    mission: Mission,
+    robot: str,
+    seconds: float,
+    credentials: Credentials | None,
+    installed: Path | None,
+    router: str,
 ) -> Facts:
     """Return all facts about `robot`, which is this machine; `installed` is its mission file."""
     where = endpoints(mission).agents
     received: Listened = {}
     trouble, routed, watchdog_state, ended = "", None, None, float("-inf")
-    listeners: tuple[Party, ...] = ()
-    speakers: tuple[Party, ...] = ()
+    subscribers: tuple[RosNode, ...] = ()
+    publishers: tuple[RosNode, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
     if mission.robots[robot].scanner != "none":
         keys[SCAN] = SCAN.key(robot)
@@ -77,9 +82,9 @@ def robot_facts(
                 for key in keys.values():
                     bus.subscribe(naming.wire(key), key)
                 received, ended = _listen(bus, seconds), time.monotonic()
-                found = list(_parties(bus, mission, naming, robot))
-                listeners = tuple(party for kind, party in found if kind == "MS")
-                speakers = tuple(party for kind, party in found if kind == "MP")
+                found = list(_command_nodes(bus, mission, naming, robot))
+                subscribers = tuple(node for kind, node in found if kind == "MS")
+                publishers = tuple(node for kind, node in found if kind == "MP")
             else:
                 trouble = "no link"
     except BusError as error:
@@ -107,10 +112,10 @@ def robot_facts(
         routed=routed,
         watchdog_state=watchdog_state,
         watchdog_unit=_watchdog_unit(),
-        listeners=listeners,
-        speakers=speakers,
-        reached={name: reach(where[name], papers) for name in partners(mission, robot)},
-        certificate=_certificate(robot, papers),
+        subscribers=subscribers,
+        publishers=publishers,
+        reached={name: reach(where[name], credentials) for name in partners(mission, robot)},
+        certificate=_certificate(robot, credentials),
         chrony=_chrony(),
         installed_differs=_differs(mission, installed),
         wall=time.time(),
@@ -122,14 +127,14 @@ def fleet_facts(
     robots: Sequence[str],
     seconds: float,
     config: Path | None,
-    papers: Papers | None,
+    credentials: Credentials | None,
     folder: Path | None,
 ) -> list[Facts]:
     """Return facts about each of `robots`, which may include standbys.
 
     `config` is the operator's, `folder` has the mission's certificates.
     """
-    found = {} if folder is None else tls.papers_in(folder, members(mission))
+    found = {} if folder is None else tls.credentials_in(folder, members(mission))
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
     keys = {name: STATUS.key(name) for name in robots}
@@ -148,7 +153,7 @@ def fleet_facts(
     for key, samples in early.items():
         received.setdefault(key, [])[:0] = samples
     with ThreadPoolExecutor(max_workers=16) as pool:
-        reached = dict(zip(robots, pool.map(lambda end: reach(end, papers), dialled), strict=True))
+        reached = dict(zip(robots, pool.map(lambda end: reach(end, credentials), dialled), strict=True))
     statuses = {
         name: _statuses(LeaderStatus if name in mission.candidates else AgentStatus, received.get(key, []))
         for name, key in keys.items()
@@ -191,7 +196,7 @@ def _sees(mission: Mission, status: AgentStatus, robot: str, other: str) -> bool
     )
 
 
-def desk_facts(mission: Mission, papers: Papers | None, others: Sequence[Facts]) -> Facts:
+def desk_facts(mission: Mission, credentials: Credentials | None, others: Sequence[Facts]) -> Facts:
     """Return facts about the desk: the operator's certificate, this machine's clock, and the leader."""
     leads = {
         one.robot for one in others if isinstance(one.newest_status, LeaderStatus) and one.newest_status.leads
@@ -201,7 +206,7 @@ def desk_facts(mission: Mission, papers: Papers | None, others: Sequence[Facts])
         robot=mission.leader,
         on_robot=False,
         seconds=0.0,
-        certificate=_certificate(OPERATOR, papers),
+        certificate=_certificate(OPERATOR, credentials),
         chrony=_chrony(),
         leading=tuple(name for name in mission.candidates if name in leads) if mission.standbys else None,
         wall=time.time(),
@@ -245,7 +250,7 @@ def _watchdog(bus: Bus, naming: Naming, robot: str) -> str:
     return ""
 
 
-def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator[tuple[str, Party]]:
+def _command_nodes(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator[tuple[str, RosNode]]:
     """Yield the ROS nodes with cmd_vel: MS subscribes, MP publishes."""
     name = naming.robots[robot].spelled(CMD_VEL.key(robot))
     spec = mission.robots[robot]
@@ -253,16 +258,16 @@ def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator
         for key in bus.tokens(tokens.all_tokens(spec.domain), TOKEN_TIME):
             token = tokens.read(key)
             if token is not None and token.topic == name and token.zid != bus.zid:
-                yield token.kind, Party(token.node, token.type)
+                yield token.kind, RosNode(token.node, token.type)
     else:
         for key in bus.tokens(tokens.ROUTES, TOKEN_TIME):
             route = tokens.read_route(key)
             if route is not None and route.key == name:
-                yield route.kind, Party("a node behind the bridge", route.type)
+                yield route.kind, RosNode("a node behind the bridge", route.type)
 
 
-def _certificate(name: str, papers: Papers | None) -> Certificate | None:
-    return None if papers is None else tls.read(name, papers)
+def _certificate(name: str, credentials: Credentials | None) -> Certificate | None:
+    return None if credentials is None else tls.read(name, credentials)
 
 
 def _differs(mission: Mission, installed: Path | None) -> str | None:

@@ -36,12 +36,12 @@ def _link(facts: Facts) -> Iterator[Finding]:
             f"nothing answers at {facts.router}, where the robot's bridge or router should be",
             f"sudo systemctl restart {(unit := _router_unit(facts))}; its log: journalctl -u {unit}",
         )
-    wrong = [party for party in facts.listeners if party.type != _wanted(facts)]
-    for party in wrong:
-        kind = KINDS.get(party.type)
+    wrong = [node for node in facts.subscribers if node.type != _wanted(facts)]
+    for node in wrong:
+        kind = KINDS.get(node.type)
         yield Finding(
             "cmd-vel-type",
-            f"{party.name} takes {_short(party.type)} on cmd_vel, but is sent {_short(_wanted(facts))}",
+            f"{node.name} takes {_short(node.type)} on cmd_vel, but is sent {_short(_wanted(facts))}",
             f'say cmd_vel = "{kind}" for {facts.robot} in the mission'
             if kind
             else "cmd_vel must be of type Twist or TwistStamped",
@@ -67,11 +67,11 @@ def _link(facts: Facts) -> Iterator[Finding]:
             f"its agent's link to the robot: {LINKS[link]}",
             remedy,
         )
-    for party in facts.speakers:
-        if party.name not in OURS:
+    for node in facts.publishers:
+        if node.name not in OURS:
             yield Finding(
                 "cmd-vel-contested",
-                f"{party.name} publishes on cmd_vel as well",
+                f"{node.name} publishes on cmd_vel as well",
                 "end it: two controllers of one robot undo each other's work",
             )
 
@@ -84,7 +84,7 @@ def _router_unit(facts: Facts) -> str:
 
 def _link_seen(facts: Facts) -> str:
     if facts.routed:
-        names = sorted({party.name for party in facts.listeners})
+        names = sorted({node.name for node in facts.subscribers})
         return (
             f"cmd_vel is listened to as {_short(_wanted(facts))}{' by ' if names else ''}{', '.join(names)}"
         )

@@ -27,7 +27,7 @@ NO_CHECK_TIME = 0x20_0000
 """OpenSSL's X509_V_FLAG_NO_CHECK_TIME: read expired certificates too."""
 
 
-class Papers(NamedTuple):
+class Credentials(NamedTuple):
     """The files of a process's TLS identity, as named in its Zenoh configuration."""
 
     trusted: Path
@@ -35,17 +35,17 @@ class Papers(NamedTuple):
     key: Path
 
 
-def papers_of(config: Path) -> Papers | None:
+def credentials_of(config: Path) -> Credentials | None:
     """Return the TLS files of a Zenoh configuration; None if it has no TLS. Raises Refusal."""
     with refusing(BusError):
         tls = setting(config, "transport/link/tls")
     names = "root_ca_certificate", "connect_certificate", "connect_private_key"
     words = [str((tls or {}).get(name) or "") for name in names]
-    return Papers(*map(Path, words)) if all(words) else None
+    return Credentials(*map(Path, words)) if all(words) else None
 
 
-def papers_in(folder: Path, names: Sequence[str]) -> dict[str, Papers]:
-    """Return the papers of `names` found in `folder`, as made by `formation deploy certificates`.
+def credentials_in(folder: Path, names: Sequence[str]) -> dict[str, Credentials]:
+    """Return the credentials of `names` found in `folder`, as made by `formation deploy certificates`.
 
     Raises Refusal if there are none.
     """
@@ -54,15 +54,15 @@ def papers_in(folder: Path, names: Sequence[str]) -> dict[str, Papers]:
         raise Refusal(f"--certificates {folder}: holds none; `formation deploy certificates` makes them")
     homes = {name: folder / name for name in names if name in found}
     files = "ca.pem", "certificate.pem", "key.pem"
-    return {name: Papers(*(home / file for file in files)) for name, home in homes.items()}
+    return {name: Credentials(*(home / file for file in files)) for name, home in homes.items()}
 
 
-def read(name: str, papers: Papers) -> Certificate | None:
+def read(name: str, credentials: Credentials) -> Certificate | None:
     """Return the certificate of `name`; None if this user may not read it."""
-    path, wanted = str(papers.certificate), name
+    path, wanted = str(credentials.certificate), name
     try:
-        mode = stat.S_IMODE(papers.key.stat().st_mode)
-        shown = _shown(papers)
+        mode = stat.S_IMODE(credentials.key.stat().st_mode)
+        shown = _shown(credentials)
     except PermissionError:
         return None
     except FileNotFoundError as error:
@@ -81,17 +81,17 @@ def read(name: str, papers: Papers) -> Certificate | None:
     )
 
 
-def context(papers: Papers, *, server: bool = False) -> ssl.SSLContext:
-    """Return a TLS context like Zenoh's mTLS with these papers. OSError (or SSLError) on failure."""
+def context(credentials: Credentials, *, server: bool = False) -> ssl.SSLContext:
+    """Return a TLS context like Zenoh's mTLS with these credentials. OSError (or SSLError) on failure."""
     made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
-    made.load_verify_locations(papers.trusted)
-    made.load_cert_chain(papers.certificate, papers.key, password="")
+    made.load_verify_locations(credentials.trusted)
+    made.load_cert_chain(credentials.certificate, credentials.key, password="")
     made.verify_mode = ssl.CERT_REQUIRED
     return made
 
 
-def reach(endpoint: str, papers: Papers | None) -> Reached:
-    """Dial `endpoint`; without papers only connect to a TLS endpoint, without a handshake."""
+def reach(endpoint: str, credentials: Credentials | None) -> Reached:
+    """Dial `endpoint`; without credentials only connect to a TLS endpoint, without a handshake."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
     host = host.strip("[]")
@@ -99,18 +99,18 @@ def reach(endpoint: str, papers: Papers | None) -> Reached:
         return Reached(endpoint, "ok", f"{protocol} is not dialled")
     try:
         with socket.create_connection((host, int(port)), CONNECT_TIMEOUT_SECONDS) as plain:
-            if protocol == "tcp" or papers is None:
+            if protocol == "tcp" or credentials is None:
                 return Reached(endpoint, "ok")
-            return _handshake(endpoint, plain, host, papers)
+            return _handshake(endpoint, plain, host, credentials)
     except OSError as error:
         return Reached(endpoint, _outcome(error), str(error))
     except UnicodeError as error:  # a host name that cannot be one
         return Reached(endpoint, "unknown name", str(error))
 
 
-def _shown(papers: Papers) -> dict[str, object]:
+def _shown(credentials: Credentials) -> dict[str, object]:
     """Return the certificate's content, after a handshake as a client with a server of the same authority."""
-    server, client = context(papers, server=True), context(papers)
+    server, client = context(credentials, server=True), context(credentials)
     server.verify_flags |= NO_CHECK_TIME
     client.check_hostname = False
     client.verify_mode = ssl.CERT_NONE  # a process that only dials needs no server certificate
@@ -147,9 +147,9 @@ def _common_name(certificate: object) -> str:
     return str(names[0]) if names else ""
 
 
-def _handshake(endpoint: str, plain: socket.socket, host: str, papers: Papers) -> Reached:
+def _handshake(endpoint: str, plain: socket.socket, host: str, credentials: Credentials) -> Reached:
     try:
-        ours = context(papers)
+        ours = context(credentials)
     except OSError as error:  # the examination of certificates reports more
         return Reached(endpoint, "turned away", f"ours cannot be used: {error}")
     try:

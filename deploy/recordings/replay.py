@@ -112,14 +112,14 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
                 pause = replay.turn()
                 mono = clocks().mono
                 linger.tend(mono)
-                ended = replay.standing.finished and not stays
+                ended = replay.state.finished and not stays
                 if refresh.tick(mono) or ended:
-                    view.show(replay.standing, lambda: replay.snapshot)
+                    view.show(replay.state, lambda: replay.snapshot)
                 if ended or not all(press(replay, key) for key in keys.wait(pause)):
                     return
     finally:
         if not drawn:
-            _say(options, line(replay.standing, replay.snapshot))
+            _say(options, line(replay.state, replay.snapshot))
 
 
 def _open(options: argparse.Namespace) -> Opened:
@@ -185,19 +185,19 @@ def _free_port() -> int:
 
 
 def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict[str, Any]:
-    standing, snapshot = replay.standing, replay.snapshot
+    state, snapshot = replay.state, replay.snapshot
     return {
         "recording": str(one.recording.path),
         "mission": one.recording.mission.name,
         "length": one.film.end - one.film.start,
-        "position": standing.position - standing.start,
-        "finished": standing.finished,
+        "position": state.position - state.start,
+        "finished": state.finished,
         "interrupted": bool(stop),
-        "played": standing.played,
+        "played": state.played,
         "prefix": prefix,
-        "published": standing.published,
-        "skipped": standing.skipped,
-        "drift": standing.drift,
+        "published": state.published,
+        "skipped": state.skipped,
+        "drift": state.drift,
         "formation_error": snapshot.final_error,
         "known": snapshot.known_verdict.as_json(),
         "settling_time": snapshot.settling_time,

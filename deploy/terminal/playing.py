@@ -20,7 +20,7 @@ from formation.deploy.terminal.views import Redrawn
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import counted
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
-from formation.monitor.replay.process import Replay, Standing
+from formation.monitor.replay.process import Replay, ReplayState
 
 KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
 ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
@@ -44,9 +44,9 @@ Look = Callable[[], Snapshot]
 class Bar(Redrawn):
     """Two lines at the bottom of a terminal."""
 
-    def show(self, standing: Standing, look: Look) -> None:
+    def show(self, state: ReplayState, look: Look) -> None:
         """Draw the state; `look` gives the metrics."""
-        self.redraw(draw(standing, look(), self.console.size.width, ascii_only=self.ascii_only))
+        self.redraw(draw(state, look(), self.console.size.width, ascii_only=self.ascii_only))
 
 
 class Lines:
@@ -61,13 +61,13 @@ class Lines:
 
     def __exit__(self, *_: object) -> None: ...
 
-    def show(self, standing: Standing, look: Look) -> None:
+    def show(self, state: ReplayState, look: Look) -> None:
         """Write the state, at most every two seconds; `look` gives the metrics."""
         now = time.monotonic()
-        if now < self._due or standing.seeking:
+        if now < self._due or state.seeking:
             return
         self._due = now + PLAIN_PERIOD
-        print(line(standing, look()), file=self._stream, flush=True)
+        print(line(state, look()), file=self._stream, flush=True)
 
 
 class Keys:
@@ -116,7 +116,7 @@ def named(data: bytes) -> list[str]:
 
 def press(replay: Replay, key: str) -> bool:
     """Do the action of a key; return whether to go on."""
-    now = replay.standing
+    now = replay.state
     if key == "space":
         replay.step("play" if now.paused or now.finished else "pause")
     elif key in {"left", "right"}:
@@ -128,26 +128,26 @@ def press(replay: Replay, key: str) -> bool:
     return key not in {"q", "Q"}
 
 
-def line(standing: Standing, snapshot: Snapshot) -> str:
+def line(state: ReplayState, snapshot: Snapshot) -> str:
     """Return the state in one line."""
     known = snapshot.known
     over = "" if known.complete or known.error is None else f" over {known.words}"
     parts = [
-        f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
-        f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
+        f"{clock(state.position - state.start)} of {clock(state.end - state.start)}",
+        f"{state.speed:g}x" + (" paused" if state.paused else ""),
         f"error {metres(known.error)}{over}",
         counted(robot.state for robot in snapshot.robots.values()),
-        *remarks(standing),
+        *remarks(state),
     ]
     return "  ".join(parts)
 
 
-def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
+def draw(state: ReplayState, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
     """Return the state for a terminal of `width` columns, with a bar and the keys for steering."""
     signs = ("...", "||", ">") if ascii_only else ("»", "⏸", "▶")
-    sign = signs[0] if standing.seeking else signs[1] if standing.paused or standing.finished else signs[2]
-    head = Text(f"{sign} {clock(standing.position - standing.start)} ", style="bold")
-    tail = f" {clock(standing.end - standing.start)}  {standing.speed:g}x  "
+    sign = signs[0] if state.seeking else signs[1] if state.paused or state.finished else signs[2]
+    head = Text(f"{sign} {clock(state.position - state.start)} ", style="bold")
+    tail = f" {clock(state.end - state.start)}  {state.speed:g}x  "
     known = snapshot.known
     over = (
         "" if known.complete or known.error is None else f" over {known.known_edges} of {known.edges} edges"
@@ -155,29 +155,29 @@ def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool
     tail += f"error {metres(known.error):>7}{over}  "
     tail += counted(robot.state for robot in snapshot.robots.values())
     room = max(8, min(60, width - head.cell_len - len(tail) - 1))
-    length = standing.end - standing.start
-    share = (standing.position - standing.start) / length if length > 0.0 else 1.0
+    length = state.end - state.start
+    share = (state.position - state.start) / length if length > 0.0 else 1.0
     done = round(room * share)
     head.append(("#" if ascii_only else "━") * done, style="green not bold")
     head.append(("." if ascii_only else "╌") * (room - done), style="dim not bold")
     head.append(tail, style="not bold")
     head.truncate(width - 1)
     below = Text(ASCII_KEYS if ascii_only else KEYS, style="dim")
-    for remark in remarks(standing):
+    for remark in remarks(state):
         below.append(f"   {remark}", style="yellow not dim")
     below.truncate(width - 1)
     return Group(head, below)
 
 
-def remarks(standing: Standing) -> list[str]:
+def remarks(state: ReplayState) -> list[str]:
     """Return remarks on unexpected states."""
     found = []
-    if standing.counted_from > standing.start:
-        found.append(f"settling and counts since {clock(standing.counted_from - standing.start)}")
-    if standing.drift > MIN_SHOWN_DRIFT:
-        found.append(f"{standing.drift:.1f} s late")
-    if standing.skipped:
-        found.append(f"{standing.skipped} messages came too late to be published")
+    if state.counted_from > state.start:
+        found.append(f"settling and counts since {clock(state.counted_from - state.start)}")
+    if state.drift > MIN_SHOWN_DRIFT:
+        found.append(f"{state.drift:.1f} s late")
+    if state.skipped:
+        found.append(f"{state.skipped} messages came too late to be published")
     return found
 
 

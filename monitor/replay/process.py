@@ -88,7 +88,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class ReplayState:
     """State of a replay. Times of the recording are on its recorder's system clock [s]."""
 
     position: float
@@ -144,10 +144,10 @@ class Replay:
         self._played = self._skipped = 0
 
     @property
-    def standing(self) -> Standing:
+    def state(self) -> ReplayState:
         """The state of the replay."""
         one = self._player
-        return Standing(
+        return ReplayState(
             one.goal, one.start, one.end, one.speed, one.paused, one.seeking, one.finished, one.built_from,
             one.lost + one.behind, self._played, self._echo.published if self._echo else 0, self._skipped,
             one.seeks,
@@ -168,7 +168,7 @@ class Replay:
         self._orders.put((do, to, done))
         with suppress(TimeoutError):
             return done.result(STEERING_TIMEOUT_SECONDS)
-        return self.standing.as_json()
+        return self.state.as_json()
 
     def step(self, do: str, to: float | None = None) -> None:
         """Steer at once, in the thread that has the turns."""
@@ -208,7 +208,7 @@ class Replay:
                 do, to, done = self._orders.get_nowait()
                 try:
                     self.step(do, to)
-                    done.set_result(self.standing.as_json())
+                    done.set_result(self.state.as_json())
                 except ValueError as error:
                     done.set_exception(error)
 
@@ -236,7 +236,7 @@ class Replay:
         """Show the last frame and the goal, while seeking, to pages opened meanwhile."""
         last = source.look
         if last is not None and source.wanted and self._frames.tick(time.monotonic()):
-            source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)
+            source.show({**last.frame, "replay": self.state.as_json()}, last.snapshot)
 
     def _show(self, source: Source, *, anew: bool) -> None:
         self._picture.show(source, anew=anew)
@@ -244,6 +244,6 @@ class Replay:
             at, snapshot = self._player.position, self.snapshot
             frame = frames.frame(
                 self._mission, self._picture.rerun.metrics, Now(at, at),
-                snapshot=snapshot, replay=self.standing.as_json(),
+                snapshot=snapshot, replay=self.state.as_json(),
             )  # fmt: skip
             source.show(frame, snapshot)

@@ -21,7 +21,7 @@ from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
 from formation.monitor.recording.reader import Condition, Recorded, Recording, Rerun
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
-from formation.monitor.report.story import Doing, Doings, Story
+from formation.monitor.report.story import Activities, Activity, Story
 from formation.monitor.report.thin import (
     MAX_LINE_GAP,
     Commands,
@@ -31,7 +31,7 @@ from formation.monitor.report.thin import (
     Robot,
     Samples,
 )
-from formation.monitor.report.traffic import Key, Late, Latencies, Traffic
+from formation.monitor.report.traffic import Delays, Key, Latencies, Traffic
 from formation.topics import CMD_VEL, ERROR
 from formation.wire import Now
 
@@ -84,14 +84,14 @@ class Run:
     robots: Mapping[str, Robot]
     """The followers."""
     keys: tuple[Key, ...]
-    late: Mapping[str, Late]
+    delays: Mapping[str, Delays]
     """Arrival less stamp, by topic [s]."""
-    answers: Mapping[str, Late]
+    answers: Mapping[str, Delays]
     """Odometry to command, by follower [s]."""
     story: Story
     """Events and orders."""
     leader_terms: tuple[LeaderTerm, ...]
-    doings: Mapping[str, Doing]
+    activities: Mapping[str, Activity]
     """Followers' times by activity."""
 
     @property
@@ -130,8 +130,8 @@ class _Gatherer:
         self.messages = 0
         self._mission = mission
         self._rerun = Rerun(mission)
-        self._late, self._traffic, self._story = Latencies(mission), Traffic(mission), Story()
-        self._leader_terms, self._doings = LeaderTerms(mission), Doings(mission)
+        self._latencies, self._traffic, self._story = Latencies(mission), Traffic(mission), Story()
+        self._leader_terms, self._activities = LeaderTerms(mission), Activities(mission)
         self._commands = {CMD_VEL.key(name): Commands(mission, name) for name in mission.followers}
         count = len(mission.followers)
         self._paths = Samples(2 * (count + 1))
@@ -159,7 +159,7 @@ class _Gatherer:
         self._end = now
         self._traffic.count_message(key, now.mono)
         if rejections[key] == before:
-            self._late.process_message(key, payload, now.wall)
+            self._latencies.process_message(key, payload, now.wall)
             if key in self._commands:
                 self._commands[key].process_command(payload, now.mono)
         self._story.process_message(message, self._start)
@@ -198,11 +198,11 @@ class _Gatherer:
                 for name, (error, heading) in self._robots.items()
             },
             keys=tuple(self._traffic.keys(snapshot, rejected, start, self._end.mono)),
-            late=self._late.by_topic,
-            answers=self._late.answers,
+            delays=self._latencies.by_topic,
+            answers=self._latencies.answers,
             story=self._story,
             leader_terms=tuple(self._leader_terms.all),
-            doings=self._doings.each,
+            activities=self._activities.each,
         )
 
     def _look(self, now: Now) -> None:
@@ -210,7 +210,7 @@ class _Gatherer:
         snapshot = metrics.snapshot(now)
         self._looked = now.mono
         self._story.look(now.mono, metrics.orders)
-        self._doings.look(now.mono, snapshot.robots)
+        self._activities.look(now.mono, snapshot.robots)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
             self._start = now.mono - snapshot.elapsed
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:

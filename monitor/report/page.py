@@ -158,7 +158,7 @@ def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[st
         "each_key": tables.keys(run),
         "orders": tables.orders(run),
         "leader_terms": tables.leader_terms(run),
-        "doings": tables.doings(run),
+        "activities": tables.activities(run),
         "events": tables.events(run),
         "check": reported.check,
         "file": run.recording.about["mission_file"],

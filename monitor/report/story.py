@@ -105,7 +105,7 @@ class Story:
 
 
 @dataclass(slots=True)
-class Doing:
+class Activity:
     """One robot's times by activity."""
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -130,11 +130,11 @@ class Doing:
     """Number of publishers of its positions after the first."""
 
 
-class Doings:
+class Activities:
     """Times of all robots. Call `look` steadily."""
 
     def __init__(self, mission: Mission) -> None:
-        self.each = {name: Doing() for name in mission.followers}
+        self.each = {name: Activity() for name in mission.followers}
         self._limits = {name: silence_limit(mission.robots[name].rate) for name in mission.followers}
         self._unavailable = dict.fromkeys(mission.followers, False)
         self._deadlocks = dict.fromkeys(mission.followers, 0)
@@ -146,24 +146,24 @@ class Doings:
         self._looked = at
         if all(self._lost(name, robots[name]) for name in self.each):
             passed = 0.0  # before the run, or after it
-        for name, doing in self.each.items():
+        for name, activity in self.each.items():
             robot = robots[name]
-            doing.starts = max(robot.publishers - 1, 0)
-            doing.times_unavailable += robot.unavailable and not self._unavailable[name]
+            activity.starts = max(robot.publishers - 1, 0)
+            activity.times_unavailable += robot.unavailable and not self._unavailable[name]
             self._unavailable[name] = robot.unavailable
-            doing.deadlocks += max(0, robot.deadlocks - self._deadlocks[name])
+            activity.deadlocks += max(0, robot.deadlocks - self._deadlocks[name])
             self._deadlocks[name] = robot.deadlocks
             if robot.age is None or not 0.0 < passed <= MAX_LOOK_GAP:
                 continue
             state = robot.state if robot.state in STATES else OTHER
             state = LOST_STATE if self._lost(name, robot) else state
-            doing.seconds[state] = doing.seconds.get(state, 0.0) + passed
-            doing.unavailable += passed * robot.unavailable
-            doing.fallback += passed * bool(robot.fallback)
-            doing.avoiding += passed * (robot.avoiding in {"avoids", "slowed"})
-            doing.blocked += passed * (robot.avoiding == "blocked")
-            doing.unseeing += passed * (robot.sight in SIGHT)
-            doing.correction = max(doing.correction, robot.correction or 0.0)
+            activity.seconds[state] = activity.seconds.get(state, 0.0) + passed
+            activity.unavailable += passed * robot.unavailable
+            activity.fallback += passed * bool(robot.fallback)
+            activity.avoiding += passed * (robot.avoiding in {"avoids", "slowed"})
+            activity.blocked += passed * (robot.avoiding == "blocked")
+            activity.unseeing += passed * (robot.sight in SIGHT)
+            activity.correction = max(activity.correction, robot.correction or 0.0)
 
     def _lost(self, name: str, robot: RobotMetrics) -> bool:
         return robot.age is None or robot.age > self._limits[name]

@@ -90,8 +90,8 @@ def as_json(run: Run) -> dict[str, Any]:
             }
             for name, robot in run.robots.items()
         },
-        "latency": {topic: asdict(late) for topic, late in run.late.items()},
-        "answers": {name: asdict(late) for name, late in run.answers.items()},
+        "latency": {topic: asdict(delays) for topic, delays in run.delays.items()},
+        "answers": {name: asdict(delays) for name, delays in run.answers.items()},
     }
 
 

@@ -13,7 +13,7 @@ from formation.monitor.report.gather import Run
 from formation.monitor.report.leader_terms import overlaps
 from formation.monitor.report.story import LOST_STATE, STATES
 from formation.monitor.report.thin import Measured
-from formation.monitor.report.traffic import Key, Late
+from formation.monitor.report.traffic import Delays, Key
 
 TERMS = (
     (
@@ -46,7 +46,7 @@ LEADERS = (
     "By the terms of the orders and the publisher ids, as they arrived; whether two led at once is"
     " judged by the leaders' own stamps."
 )
-DOINGS = (
+ACTIVITIES = (
     "By their own words, as received by the monitor. Lost: silent for a second. Unavailable: it did"
     " not follow, and the robots that measure it continued without it. Avoiding: the collision filter"
     " turned or slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was"
@@ -104,7 +104,7 @@ def topics(run: Run) -> Table:
         received = [key for key in keys if key.count]
         if not received:
             continue
-        late = run.late.get(topic, Late(0, None, None, None))
+        delays = run.delays.get(topic, Delays(0, None, None, None))
         rows.append(
             (
                 topic,
@@ -114,7 +114,7 @@ def topics(run: Run) -> Table:
                 _missed(received),
                 _longest(received),
                 words.whole(sum(key.rejected for key in keys)),
-                *_late(late),
+                *_delays(delays),
             )
         )
     return Table("By topic", heads, rows, CLOCKS)
@@ -123,7 +123,7 @@ def topics(run: Run) -> Table:
 def answers(run: Run) -> Table:
     """Return the times from each robot's odometry to its command."""
     heads = ("robot", "commands answered", "p50", "p99", "greatest")
-    rows = [(name, words.whole(late.count), *_late(late)) for name, late in run.answers.items()]
+    rows = [(name, words.whole(delays.count), *_delays(delays)) for name, delays in run.answers.items()]
     return Table("From odometry to command", heads, rows, ANSWERS)
 
 
@@ -161,8 +161,8 @@ def _measured(one: Measured) -> list[str]:
     return [words.length(value) for value in values]
 
 
-def _late(late: Late) -> list[str]:
-    return [words.milliseconds(value) for value in (late.median, late.p99, late.maximum)]
+def _delays(delays: Delays) -> list[str]:
+    return [words.milliseconds(value) for value in (delays.median, delays.p99, delays.maximum)]
 
 
 def _span(rates: Sequence[float | None]) -> str:
@@ -227,7 +227,7 @@ def leader_terms(run: Run) -> Table:
     return Table("Leaders", heads, rows if run.mission.standbys or len(rows) > 1 else [], LEADERS)
 
 
-def doings(run: Run) -> Table:
+def activities(run: Run) -> Table:
     """Return followers' times by activity."""
     heads = (
         "robot", "ran", "held", "stopped", "waited", "lost", "unavailable", "avoiding",
@@ -235,7 +235,7 @@ def doings(run: Run) -> Table:
         "started anew",
     )  # fmt: skip
     rows = []
-    for name, one in run.doings.items():
+    for name, one in run.activities.items():
         times = [one.seconds.get(state, 0.0) for state in (*STATES, LOST_STATE)]
         times += [one.avoiding, one.blocked, one.fallback, one.unseeing]
         *lasting, avoiding, blocked, fallback, blind = (words.lasting(time) if time else "" for time in times)
@@ -248,7 +248,7 @@ def doings(run: Run) -> Table:
         rows.append((name, *lasting, unavailable, avoiding, blocked, deadlocks, fallback, *seen, starts))
     filled = [n for n in range(len(heads)) if any(row[n] for row in rows)]
     short = [tuple(row[n] for n in filled) for row in (heads, *rows)]
-    return Table("What robots did", short[0], short[1:], DOINGS)
+    return Table("What robots did", short[0], short[1:], ACTIVITIES)
 
 
 def events(run: Run) -> Table:

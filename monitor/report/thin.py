@@ -114,7 +114,7 @@ class Samples(_Rows):
         return self._time[: self._count] - start, self._rows[0][: self._count].copy()
 
 
-class Spread:
+class Quantiles:
     """Distribution of a quantity: percentiles of evenly drawn values, and the true maximum."""
 
     def __init__(self, drawn: int = MAX_SAMPLED_VALUES) -> None:
@@ -142,7 +142,7 @@ class Spread:
         return ranked[min(math.ceil(share * len(ranked)), len(ranked)) - 1 if share > 0.0 else 0]
 
 
-class Size:
+class Magnitude:
     """RMS and greatest magnitude of a signal, over all known values."""
 
     def __init__(self) -> None:
@@ -167,7 +167,7 @@ class Measured:
     """RMS and maximum of one quantity: over the whole run, and since the formation has settled."""
 
     def __init__(self) -> None:
-        self.whole, self.after = Size(), Size()
+        self.whole, self.after = Magnitude(), Magnitude()
         self.final: float | None = None
         """The newest known value."""
 
@@ -180,7 +180,7 @@ class Measured:
 
     def restart(self) -> None:
         """Start the second half: from now on it may be settled for good."""
-        self.after = Size()
+        self.after = Magnitude()
 
 
 class Robot(NamedTuple):

@@ -15,7 +15,7 @@ from formation.monitor.metrics.feed import finite
 from formation.monitor.metrics.keys import OWN, Watched, watched
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.recorder import is_stamped, stamp_of
-from formation.monitor.report.thin import Spread
+from formation.monitor.report.thin import Quantiles
 from formation.topics import CMD_VEL, ODOM, POSE, TABLE
 
 
@@ -98,7 +98,7 @@ class Traffic:
 
 
 @dataclass(frozen=True, slots=True)
-class Late:
+class Delays:
     """Distribution of times [s]."""
 
     count: int
@@ -107,10 +107,10 @@ class Late:
     maximum: float | None
 
     @classmethod
-    def of(cls, spread: Spread) -> Late:
-        """Return the distribution of `spread`; the maximum is over every value."""
-        most = spread.most if spread.count else None
-        return cls(spread.count, spread.percentile(0.5), spread.percentile(0.99), most)
+    def of(cls, quantiles: Quantiles) -> Delays:
+        """Return the distribution of `quantiles`; the maximum is over every value."""
+        most = quantiles.most if quantiles.count else None
+        return cls(quantiles.count, quantiles.percentile(0.5), quantiles.percentile(0.99), most)
 
 
 class Latencies:
@@ -119,8 +119,8 @@ class Latencies:
     def __init__(self, mission: Mission) -> None:
         keys = watched(mission)
         self._topics = {one.key: one.topic.name for one in keys if is_stamped(one.topic.type)}
-        self._spreads: dict[str, Spread] = {}
-        self._answers = {name: Spread() for name in mission.followers}
+        self._quantiles: dict[str, Quantiles] = {}
+        self._answers = {name: Quantiles() for name in mission.followers}
         self._inputs = {
             (POSE if spec.localisation == "external" else ODOM).key(name): name
             for name, spec in mission.robots.items()
@@ -139,21 +139,23 @@ class Latencies:
         if topic is None or stamp is None:
             return
         late = wall - stamp / 1e9
-        self._spreads.setdefault(topic, Spread()).add(late)
+        self._quantiles.setdefault(topic, Quantiles()).add(late)
         if key in self._inputs:
             self._answer(self._inputs[key], wall, late)
 
     @property
-    def by_topic(self) -> Mapping[str, Late]:
+    def by_topic(self) -> Mapping[str, Delays]:
         """Return arrival less stamp by topic, in the order of the topic table."""
         return {
-            topic.name: Late.of(self._spreads[topic.name]) for topic in TABLE if topic.name in self._spreads
+            topic.name: Delays.of(self._quantiles[topic.name])
+            for topic in TABLE
+            if topic.name in self._quantiles
         }
 
     @property
-    def answers(self) -> Mapping[str, Late]:
+    def answers(self) -> Mapping[str, Delays]:
         """Return times from the stamp of an odometry (or pose) message to the arrival of its command."""
-        return {name: Late.of(spread) for name, spread in self._answers.items() if spread.count}
+        return {name: Delays.of(quantiles) for name, quantiles in self._answers.items() if quantiles.count}
 
     def _answer(self, robot: str, wall: float, late: float) -> None:
         """Take an odometry message, which an agent repeats after its answer: the command precedes it."""

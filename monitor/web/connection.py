@@ -28,7 +28,7 @@ OPERATOR = "formation.operator"
 """Key in a request's scope: it carried the operator's token."""
 
 
-class Standing(IntEnum):
+class Rank(IntEnum):
     """Rank of a connection; the lowest is dropped first."""
 
     SILENT = 0
@@ -73,7 +73,7 @@ class Connection(H11Protocol):
 
     def on_response_complete(self) -> None:
         """Handle the end of a response."""
-        self._operator = self.standing is Standing.OPERATOR
+        self._operator = self.rank is Rank.OPERATOR
         super().on_response_complete()
 
     @property
@@ -82,15 +82,15 @@ class Connection(H11Protocol):
         return self.client[0] if self.client else ""
 
     @property
-    def standing(self) -> Standing:
+    def rank(self) -> Rank:
         """Its rank now."""
         scope: Mapping[str, Any] | None = getattr(self, "scope", None)  # None before the first request
         if self._operator or (scope is not None and scope.get(OPERATOR)):
-            return Standing.OPERATOR
+            return Rank.OPERATOR
         request: RequestResponseCycle | None = getattr(self, "cycle", None)
         if request is None:
-            return Standing.NEW if self.loop.time() - self.since < FIRST_REQUEST_TIME else Standing.SILENT
-        return Standing.IDLE if request.response_complete else Standing.BUSY
+            return Rank.NEW if self.loop.time() - self.since < FIRST_REQUEST_TIME else Rank.SILENT
+        return Rank.IDLE if request.response_complete else Rank.BUSY
 
     def drop(self) -> None:
         """Disconnect at once."""
@@ -105,9 +105,9 @@ class Connection(H11Protocol):
             there = [one for one in there if one.address == self.address]
         elif len(there) <= MAX_CONNECTIONS:
             return
-        others = [one for one in there if one is not self and one.standing is not Standing.OPERATOR]
+        others = [one for one in there if one is not self and one.rank is not Rank.OPERATOR]
         # drop from the address with the most connections the lowest rank, then the oldest
-        victim = min(others, key=lambda one: (-many[one.address], one.standing, one.since), default=self)
+        victim = min(others, key=lambda one: (-many[one.address], one.rank, one.since), default=self)
         victim.drop()
 
     def _hurry(self) -> None:

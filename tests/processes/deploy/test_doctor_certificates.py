@@ -14,7 +14,7 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.doctor import tls
-from formation.deploy.doctor.tls import Papers, context, reach
+from formation.deploy.doctor.tls import Credentials, context, reach
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal
@@ -29,7 +29,9 @@ def root() -> Pair:
     return authority.new_authority("formation pair", 365.0, NOW - timedelta(days=100))
 
 
-def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0, ago: float = 0.0) -> Papers:
+def credentials(
+    folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0, ago: float = 0.0
+) -> Credentials:
     """Certificate and key of a process, issued `ago` days ago for `days`."""
     pair = authority.issue(root, name, HERE, days, NOW - timedelta(days=ago))
     home = folder / name
@@ -38,11 +40,11 @@ def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0
     (home / "certificate.pem").write_bytes(pair.certificate_pem)
     (home / "key.pem").touch(mode=0o600)
     (home / "key.pem").write_bytes(pair.key_pem)
-    return Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+    return Credentials(home / "ca.pem", home / "certificate.pem", home / "key.pem")
 
 
 def test_read_returns_name_validity_and_key_mode(tmp_path: Path, root: Pair) -> None:
-    read = tls.read("robot1", papers(tmp_path, root))
+    read = tls.read("robot1", credentials(tmp_path, root))
     assert read is not None
     assert (read.name, read.wanted, read.problem, read.mode) == ("robot1", "robot1", "", 0o600)
     assert read.ends == pytest.approx((NOW + timedelta(days=30)).timestamp(), abs=1.0)
@@ -51,14 +53,14 @@ def test_read_returns_name_validity_and_key_mode(tmp_path: Path, root: Pair) -> 
 
 @pytest.mark.parametrize("ago", [60.0, -10.0])
 def test_read_accepts_expired_or_future_certificate(tmp_path: Path, root: Pair, ago: float) -> None:
-    read = tls.read("robot1", papers(tmp_path, root, ago=ago))
+    read = tls.read("robot1", credentials(tmp_path, root, ago=ago))
     assert read is not None
     assert (read.name, read.problem) == ("robot1", "")
     assert (read.begins <= NOW.timestamp() < read.ends) is False
 
 
 def test_read_accepts_client_only_certificate(tmp_path: Path, root: Pair) -> None:
-    mine = papers(tmp_path, root, "operator")
+    mine = credentials(tmp_path, root, "operator")
     pair = authority.issue(root, "operator", None, 30.0, NOW)
     mine.certificate.write_bytes(pair.certificate_pem)
     mine.key.write_bytes(pair.key_pem)
@@ -68,12 +70,12 @@ def test_read_accepts_client_only_certificate(tmp_path: Path, root: Pair) -> Non
 
 
 def test_read_names_problem_of_unusable_certificate(tmp_path: Path, root: Pair) -> None:
-    mine = papers(tmp_path, root)
-    other = papers(tmp_path, root, "robot2")
+    mine = credentials(tmp_path, root)
+    other = credentials(tmp_path, root, "robot2")
     (tmp_path / "rogue").mkdir()
-    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW))
+    rogue = credentials(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW))
 
-    def problem(one: Papers) -> str:
+    def problem(one: Credentials) -> str:
         read = tls.read("robot1", one)
         assert read is not None
         return read.problem
@@ -91,7 +93,7 @@ def test_order_names_certificate_other_than_operators(
     tmp_path: Path, root: Pair, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name, reported in (("monitor", True), ("operator", False)):
-        mine = papers(tmp_path, root, name)
+        mine = credentials(tmp_path, root, name)
         config = tmp_path / f"{name}.json5"
         config.write_text(
             f"{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
@@ -104,21 +106,21 @@ def test_order_names_certificate_other_than_operators(
 
 
 def test_papers_are_found_in_configuration_and_in_folder(tmp_path: Path, root: Pair) -> None:
-    mine = papers(tmp_path, root)
+    mine = credentials(tmp_path, root)
     config = tmp_path / "zenoh.json5"
     config.write_text(
         f"// as it is made\n{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
         f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
         encoding="utf-8",
     )
-    assert tls.papers_of(config) == mine
+    assert tls.credentials_of(config) == mine
     config.write_text("{mode: 'peer'}", encoding="utf-8")
-    assert tls.papers_of(config) is None
-    assert tls.papers_in(tmp_path, ["robot1", "robot2"]) == {"robot1": mine}
+    assert tls.credentials_of(config) is None
+    assert tls.credentials_in(tmp_path, ["robot1", "robot2"]) == {"robot1": mine}
     with pytest.raises(Refusal, match="holds none"):
-        tls.papers_in(tmp_path / "robot1", ["robot1"])
+        tls.credentials_in(tmp_path / "robot1", ["robot1"])
     with pytest.raises(Refusal, match=r"nowhere\.json5"):
-        tls.papers_of(tmp_path / "nowhere.json5")
+        tls.credentials_of(tmp_path / "nowhere.json5")
 
 
 @pytest.fixture
@@ -156,7 +158,7 @@ def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
 
 
 def test_reach_returns_name_of_trusted_peer(tmp_path: Path, root: Pair) -> None:
-    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
+    mine, theirs = credentials(tmp_path, root), credentials(tmp_path, root, "robot2")
     with served(context(theirs, server=True)) as where:
         reached = reach(f"tls/{where}", mine)
     assert (reached.outcome, reached.name) == ("ok", "robot2")
@@ -165,8 +167,8 @@ def test_reach_returns_name_of_trusted_peer(tmp_path: Path, root: Pair) -> None:
 @pytest.mark.usefixtures("long_refusal_wait")
 def test_reach_distinguishes_causes_of_failure(tmp_path: Path, root: Pair) -> None:
     (tmp_path / "rogue").mkdir()
-    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
-    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
+    mine, theirs = credentials(tmp_path, root), credentials(tmp_path, root, "robot2")
+    rogue = credentials(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
     with served(context(rogue, server=True)) as where:
         assert reach(f"tls/{where}", mine).outcome == "untrusted"
     with served(context(theirs, server=True)) as where:
@@ -181,7 +183,7 @@ def test_reach_distinguishes_causes_of_failure(tmp_path: Path, root: Pair) -> No
 @pytest.mark.usefixtures("long_refusal_wait")
 def test_reach_reports_expired_certificate_of_either_side(tmp_path: Path, root: Pair) -> None:
     (tmp_path / "old").mkdir()
-    good, late = papers(tmp_path, root), papers(tmp_path / "old", root, ago=40.0)
+    good, late = credentials(tmp_path, root), credentials(tmp_path / "old", root, ago=40.0)
     with served(context(good, server=True)) as where:
         reached = reach(f"tls/{where}", late)
     assert (reached.outcome, reached.detail) == ("turned away", "certificate expired")
@@ -193,7 +195,7 @@ def test_reach_reports_expired_certificate_of_either_side(tmp_path: Path, root: 
 def test_reach_times_out_on_silent_peer(tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.deploy.doctor.tls.CONNECT_TIMEOUT_SECONDS", 0.2)
     with served(None) as where:
-        assert reach(f"tls/{where}", papers(tmp_path, root)).outcome == "no answer"
+        assert reach(f"tls/{where}", credentials(tmp_path, root)).outcome == "no answer"
 
 
 def test_read_returns_none_for_unreadable_key(
@@ -203,4 +205,4 @@ def test_read_returns_none_for_unreadable_key(
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("formation.deploy.doctor.tls.context", forbidden)  # as root can read every file
-    assert tls.read("robot1", papers(tmp_path, root)) is None
+    assert tls.read("robot1", credentials(tmp_path, root)) is None

@@ -16,7 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from formation.monitor.web import server as server_module
 from formation.monitor.web import source as module
-from formation.monitor.web.connection import OPERATOR, Connection, Standing
+from formation.monitor.web.connection import OPERATOR, Connection, Rank
 from formation.monitor.web.server import PageServer
 from tests.processes.page.asking import BEARER, TOKEN, OrderRecorder, Player, requested
 from tests.support.child import PATIENCE, until
@@ -191,7 +191,7 @@ def test_operator_connection_keeps_standing_until_next_token_check(
     one.scope = {OPERATOR: True}
     one.on_response_complete()
     one.scope = {}  # a second request has just begun
-    assert one.standing is Standing.OPERATOR
+    assert one.rank is Rank.OPERATOR
 
 
 def test_connections_of_one_address_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:

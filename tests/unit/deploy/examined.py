@@ -11,9 +11,9 @@ from formation.deploy.doctor.facts import (
     Certificate,
     Chrony,
     Facts,
-    Party,
     Reached,
     ReceivedMessage,
+    RosNode,
     Stream,
     examine,
 )
@@ -72,8 +72,8 @@ HEALTHY = Facts(
     routed=True,
     watchdog_state="watching",
     watchdog_unit="active",
-    listeners=(Party("turtlebot3_node", STAMPED),),
-    speakers=(Party("_formation_agent", STAMPED),),
+    subscribers=(RosNode("turtlebot3_node", STAMPED),),
+    publishers=(RosNode("_formation_agent", STAMPED),),
     reached={"leader": Reached("tls/192.168.1.10:7460", "ok", name="leader")},
     certificate=Certificate(
         path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY
@@ -84,7 +84,7 @@ HEALTHY = Facts(
 DESK = replace(
     HEALTHY,
     on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, watchdog_state=None,
-    watchdog_unit=None, listeners=(), speakers=(), installed_differs=None,
+    watchdog_unit=None, subscribers=(), publishers=(), installed_differs=None,
     reached={"robot1": Reached("tls/192.168.1.11:7460", "ok", name="robot1")},
 )  # fmt: skip
 

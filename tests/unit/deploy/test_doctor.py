@@ -14,7 +14,7 @@ import pytest
 from formation.deploy.doctor import gather
 from formation.deploy.doctor.agent import two_ages
 from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, words
-from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
+from formation.deploy.doctor.facts import Chrony, Facts, Reached, RosNode, Stream, examine
 from formation.deploy.doctor.gather import read_tracking
 from formation.deploy.doctor.robot import ROBOT_LINK
 from formation.deploy.doctor.tls import reach
@@ -123,11 +123,12 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
          "status": Stream()},
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
-    "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
-    "wrong cmd_vel type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST),)}, "cmd-vel-type",
+    "route lost": ({"routed": False, "subscribers": ()}, "route-lost", "nothing listens to cmd_vel"),
+    "wrong cmd_vel type": (
+        {"routed": False, "subscribers": (RosNode("turtlebot3_node", TWIST),)}, "cmd-vel-type",
         "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped"),
     "second cmd_vel publisher": (
-        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED))},
+        {"publishers": (*HEALTHY.publishers, RosNode("teleop_twist_keyboard", STAMPED))},
         "cmd-vel-contested", "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
     "no watchdog": ({"watchdog_state": "", "watchdog_unit": None}, "watchdog-down", "no watchdog answers"),
@@ -200,8 +201,8 @@ def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
 def test_finding_for_rmw_zenoh_robot_does_not_name_bridge() -> None:
     data = TB3.model_dump()
     data["robots"]["robot1"]["ros"] = "rmw_zenoh"
-    native = replace(HEALTHY, mission=Mission.model_validate(data), routed=False, listeners=())
-    (finding,) = [one for one in ROBOT_LINK.look(native) if one.name == "route-lost"]
+    native = replace(HEALTHY, mission=Mission.model_validate(data), routed=False, subscribers=())
+    (finding,) = [one for one in ROBOT_LINK.findings(native) if one.name == "route-lost"]
     assert "bridge" not in finding.sentence + finding.remedy
 
 
@@ -210,7 +211,7 @@ def test_missing_router_names_the_unit_of_the_mission(ros: str, unit: str) -> No
     data = TB3.model_dump()
     data["robots"]["robot1"]["ros"] = ros
     facts = replace(HEALTHY, mission=Mission.model_validate(data), router_trouble="silent", routed=None)
-    (finding,) = [one for one in ROBOT_LINK.look(facts) if one.name == "router-missing"]
+    (finding,) = [one for one in ROBOT_LINK.findings(facts) if one.name == "router-missing"]
     assert finding.remedy == f"sudo systemctl restart {unit}; its log: journalctl -u {unit}"
 
 
@@ -291,7 +292,7 @@ def test_read_tracking_parses_chrony_output(line: str, expected: Chrony | None) 
 
 def test_report_in_80_columns_names_robot_sentence_and_remedy() -> None:
     unhealthy = replace(
-        HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
+        HEALTHY, routed=False, subscribers=(), installed_differs="/opt/formation/current/mission.toml"
     )
     result = words({"robot1": examine(EXAMINATIONS, unhealthy), "robot2": examine(EXAMINATIONS, HEALTHY)})
     lines = result.splitlines()

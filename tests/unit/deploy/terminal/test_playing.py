@@ -19,28 +19,28 @@ from formation.deploy.terminal.playing import Keys, Lines, clock, draw, line, na
 from formation.mission.file import load
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.replay.player import Player
-from formation.monitor.replay.process import Replay, Standing
+from formation.monitor.replay.process import Replay, ReplayState
 from formation.wire import Now
 from tests.unit.monitor.replay.test_player import START, reel
 
 SIX = load("six_robots")
 SEEN = Metrics(SIX).snapshot(Now(0.0, 0.0))
-STANDING = Standing(
+STATE = ReplayState(
     1012.34, 1000.0, 1100.0, 2.0, paused=False, seeking=False, finished=False, counted_from=1000.0,
     drift=0.0, played=7, published=7, skipped=0, seeks=0,
 )  # fmt: skip
 
 
-def picture(standing: Standing, width: int = 80, *, ascii_only: bool = False) -> list[str]:
+def picture(state: ReplayState, width: int = 80, *, ascii_only: bool = False) -> list[str]:
     console = Console(width=width, file=io.StringIO(), color_system=None, force_terminal=True)
-    console.print(draw(standing, SEEN, width, ascii_only=ascii_only))
+    console.print(draw(state, SEEN, width, ascii_only=ascii_only))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue().splitlines()
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_two_lines_show_position_speed_and_robots(width: int) -> None:
-    first, second = picture(STANDING, width)
+    first, second = picture(STATE, width)
     assert first.startswith("▶ 0:12.3 ━")
     assert max(len(first), len(second)) < width
     if width >= 80:
@@ -49,15 +49,15 @@ def test_two_lines_show_position_speed_and_robots(width: int) -> None:
 
 
 def test_pause_seek_and_end_have_their_own_signs() -> None:
-    assert picture(replace(STANDING, paused=True))[0].startswith("⏸")
-    assert picture(replace(STANDING, finished=True))[0].startswith("⏸")
-    assert picture(replace(STANDING, seeking=True))[0].startswith("»")
-    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0], "no time remains"
-    assert all(text.isascii() for text in picture(STANDING, ascii_only=True))
+    assert picture(replace(STATE, paused=True))[0].startswith("⏸")
+    assert picture(replace(STATE, finished=True))[0].startswith("⏸")
+    assert picture(replace(STATE, seeking=True))[0].startswith("»")
+    assert "╌" not in picture(replace(STATE, position=1000.0, end=1000.0))[0], "no time remains"
+    assert all(text.isascii() for text in picture(STATE, ascii_only=True))
 
 
 def test_second_line_reports_counting_start_lateness_and_skipped_messages() -> None:
-    second = picture(replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3), 200)[1]
+    second = picture(replace(STATE, counted_from=1005.0, drift=1.25, skipped=3), 200)[1]
     assert "settling and counts since 0:05.0" in second
     assert "1.2 s late" in second
     assert "3 messages came too late to be published" in second
@@ -69,9 +69,9 @@ def test_log_lines_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> No
     stream = io.StringIO()
     view = Lines(stream)
     for _ in range(50):
-        view.show(STANDING, lambda: SEEN)
+        view.show(STATE, lambda: SEEN)
     assert stream.getvalue().splitlines() == ["0:12.3 of 1:40.0  2x  error -  6 unseen"] * 3
-    assert line(replace(STANDING, paused=True), SEEN).startswith("0:12.3 of 1:40.0  2x paused")
+    assert line(replace(STATE, paused=True), SEEN).startswith("0:12.3 of 1:40.0  2x paused")
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_space_pauses_and_arrows_seek() -> None:
         ("space", START, False), ("x", START, False),
     ):  # fmt: skip
         assert press(replay, key)
-        assert (replay.standing.position, replay.standing.paused) == (position, paused)
+        assert (replay.state.position, replay.state.paused) == (position, paused)
     assert not press(replay, "q")
 
 
@@ -98,7 +98,7 @@ def test_speed_keys_change_speed_in_steps_within_limits() -> None:
     for presses, speed in (("+", 5.0), ("+" * 20, 100.0), ("-" * 20, 0.1)):
         for key in presses:
             press(replay, key)
-        assert replay.standing.speed == speed
+        assert replay.state.speed == speed
 
 
 def test_named_gives_names_of_keys() -> None:

@@ -412,10 +412,10 @@ def test_report_contains_durations_of_avoiding_and_blocking(tmp_path: Path) -> N
     held = {at: max(since for since in words if since <= at) for at in (10.0 + n / 2 for n in range(8))}
     samples += [status("robot4", at, "run", **words[since]) for at, since in held.items()]
     run = run_of(tmp_path, sorted(samples, key=lambda one: one.arrived))
-    did = run.doings["robot4"]
+    did = run.activities["robot4"]
     assert (did.avoiding, did.blocked) == pytest.approx((1.0, 1.5), abs=0.4)
     assert did.deadlocks == 1
-    table = tables.doings(run)
+    table = tables.activities(run)
     (row,) = (row for row in table.rows if row[0] == "robot4")
     assert row[table.heads.index("deadlocks")] == "1"
     assert {"avoiding", "blocked"} <= set(table.heads)

@@ -130,9 +130,9 @@ def test_every_frame_contains_replay_position_even_when_paused(
     replay = Replay(SIX, Player(Reel(), 0.0, paused=True), source)
     replay.step("speed", 2.0)
     turns(replay, clock, 0.3)
-    standing = shown(source)["replay"]
-    assert standing["t"] == standing["start"] == BEGIN
-    assert (standing["end"], standing["speed"], standing["paused"]) == (END, 2.0, True)
+    state = shown(source)["replay"]
+    assert state["t"] == state["start"] == BEGIN
+    assert (state["end"], state["speed"], state["paused"]) == (END, 2.0, True)
     number = source.look.number if source.look else 0
     turns(replay, clock, 1.0)
     assert source.look is not None
@@ -152,7 +152,7 @@ def test_frames_during_seek_show_target_and_last_state(clock: Clock, monkeypatch
     monkeypatch.setattr(player, "next_batch", one_by_one)
     replay.step("seek", BEGIN + 1.0)
     seen = []
-    while replay.standing.seeking:
+    while replay.state.seeking:
         clock.now += 0.11
         replay.turn()
         seen.append(shown(source))
@@ -168,8 +168,8 @@ def test_replay_with_again_from_restarts_at_the_end(clock: Clock) -> None:
     replay = Replay(SIX, Player(Reel(), 0.0), again_from=BEGIN + 1.0)
     for _ in range(450):
         turns(replay, clock, 0.01)
-        assert not replay.standing.finished  # at no moment, or the replay would end
-    assert BEGIN + 1.3 < replay.standing.position < BEGIN + 1.6
+        assert not replay.state.finished  # at no moment, or the replay would end
+    assert BEGIN + 1.3 < replay.state.position < BEGIN + 1.6
 
 
 class Listener:
@@ -190,12 +190,12 @@ class Listener:
 def test_only_fast_replay_skips_messages_for_slow_listener(clock: Clock, speed: float, skips: bool) -> None:
     listener, reel = Listener(clock, 0.02), Reel()
     replay = Replay(SIX, Player(reel, 0.0, speed=speed), echo=listener.echo)
-    while not replay.standing.finished:
+    while not replay.state.finished:
         turns(replay, clock, 0.01)
-    assert replay.standing.played == len(reel.all)  # skipped ones are in the metrics
-    assert (replay.standing.skipped > 0) is skips
-    assert listener.received == len(reel.all) - replay.standing.skipped
-    assert skips or replay.standing.drift > 3.0
+    assert replay.state.played == len(reel.all)  # skipped ones are in the metrics
+    assert (replay.state.skipped > 0) is skips
+    assert listener.received == len(reel.all) - replay.state.skipped
+    assert skips or replay.state.drift > 3.0
 
 
 @pytest.mark.parametrize(
@@ -220,4 +220,4 @@ def test_steering_thread_gets_the_new_state() -> None:
         while not steered.done():
             replay.turn()
     assert steered.result()["t"] == BEGIN + 2.0
-    assert replay.standing.position == BEGIN + 2.0
+    assert replay.state.position == BEGIN + 2.0

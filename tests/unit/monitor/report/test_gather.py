@@ -21,7 +21,7 @@ from formation.monitor.report.gather import Run
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overlaps
 from formation.monitor.report.parts import View
 from formation.monitor.report.summary import notices, verdict
-from formation.monitor.report.thin import Curves, Extremes, Samples, Size, Spread
+from formation.monitor.report.thin import Curves, Extremes, Magnitude, Quantiles, Samples
 from formation.protocol import json_message
 from formation.protocol.attachment import Ballot
 from formation.ros2.messages import Text
@@ -129,9 +129,9 @@ def commands(run: Run, robot: str) -> int:
 
 
 def test_delays_come_from_stamps_and_answers_from_odometry(run: Run) -> None:
-    assert run.late["position"].median == pytest.approx(0.002, abs=1e-5)
-    assert run.late["odom"].median == pytest.approx(0.003, abs=1e-5)
-    assert "cmd_vel" not in run.late  # a Twist has no stamp
+    assert run.delays["position"].median == pytest.approx(0.002, abs=1e-5)
+    assert run.delays["odom"].median == pytest.approx(0.003, abs=1e-5)
+    assert "cmd_vel" not in run.delays  # a Twist has no stamp
     assert run.answers["robot3"].median == pytest.approx(0.002, abs=1e-5)
     assert run.answers["robot3"].count == commands(run, "robot3")
 
@@ -237,7 +237,7 @@ def test_rejected_messages_are_counted_and_excluded_from_delays(tmp_path: Path) 
     run = run_of(tmp_path, sorted([*result, *bad], key=lambda sample: sample.arrived))
     assert [one.rejected for key in keys for one in run.keys if one.key == key] == [1, 1, 1]
     assert sum(run.snapshot.rejected.values()) == 3
-    assert run.late["position"].count == sum(key.startswith("position", 7) for key, *_ in result)
+    assert run.delays["position"].count == sum(key.startswith("position", 7) for key, *_ in result)
 
 
 def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
@@ -380,7 +380,7 @@ def test_report_shows_failover_and_robot_states(tmp_path: Path) -> None:
     assert [row[-1] for row in tables.orders(run).rows] == ["robot1", "spare1"]
     assert any(one.kind == "leader" and one.robot == "spare1" for one in run.story.events)
     assert not any("at once" in notice for notice in notices(run))
-    ran = {name: one.seconds["run"] for name, one in run.doings.items()}
+    ran = {name: one.seconds["run"] for name, one in run.activities.items()}
     assert ran == pytest.approx(dict.fromkeys(MISSION.followers, 4.0), abs=0.4)
 
 
@@ -472,7 +472,7 @@ def test_thinned_vectors_are_original_samples() -> None:
 
 
 def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
-    spread = Spread(drawn=1024)
+    spread = Quantiles(drawn=1024)
     for i in range(100_000):
         spread.add(i / 100_000)
     spread.add(7.0)
@@ -483,8 +483,8 @@ def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
 
 
 def test_rms_and_maximum_use_magnitudes() -> None:
-    size = Size()
-    assert (size.rms, size.maximum, Spread().percentile(0.5)) == (None, None, None)
+    size = Magnitude()
+    assert (size.rms, size.maximum, Quantiles().percentile(0.5)) == (None, None, None)
     size.add(3.0)
     size.add(-4.0)
     assert size.rms == pytest.approx(12.5**0.5)
