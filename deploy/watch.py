@@ -29,6 +29,7 @@ from formation.mission.rules import VISITORS
 from formation.monitor.core import Monitor
 from formation.monitor.metrics import snapshot as metrics
 from formation.monitor.metrics.event import ERROR, Event
+from formation.monitor.metrics.events import LOST_SILENCE
 from formation.monitor.metrics.keys import usual_stage
 from formation.monitor.metrics.words import as_json as snapshot_as_json
 from formation.monitor.process import MAX_WAITING_MESSAGES, STEP_PERIOD
@@ -51,8 +52,6 @@ SILENCE_NOTICE_DELAY = 3.0
 """Time without any message before that is reported [s]: links take up to a second."""
 COMPLETE_TIMEOUT_SECONDS = 5.0
 """How long --once waits for a complete picture [s]."""
-MAX_POSITION_SILENCE = 1.0
-"""Time without a position after which a robot does not count as running [s]."""
 EXAMPLES = """\
   formation watch six_robots                beside `formation run`, from another terminal
   formation watch field.toml -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
@@ -140,10 +139,7 @@ def main(arguments: Sequence[str]) -> int:
 def all_run(snapshot: metrics.Snapshot) -> bool:
     """Return whether every robot reports that it runs, is not read only, and its messages arrive."""
     return all(
-        robot.state == "run"
-        and not robot.readonly
-        and robot.age is not None
-        and robot.age <= MAX_POSITION_SILENCE
+        robot.state == "run" and not robot.readonly and robot.age is not None and robot.age <= LOST_SILENCE
         for robot in snapshot.robots.values()
     )
 

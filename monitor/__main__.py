@@ -179,13 +179,8 @@ def _page(
             own_file=args.control_config, overrides=[parse_override(text) for text in args.cfg],
         )  # fmt: skip
         stack.callback(control.close)
-    about = frames.hello(
-        mission,
-        live=True,
-        control=args.control,
-        law=args.law or mission.law.kind,
-        version=version("zenoh-formation"),
-    )
+    driven = mission.under(args.law) if args.law else mission
+    about = frames.hello(driven, live=True, control=args.control, version=version("zenoh-formation"))
     try:
         server = opened(args.page, Source(about, lambda: clocks().wall), control)
     except OSError as error:

@@ -22,7 +22,6 @@ import hashlib
 import json
 import os
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -173,10 +172,9 @@ def commit() -> str:
         return ""
     describe = ["git", "-C", str(env.ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
-        done = subprocess.run(describe, capture_output=True, text=True, check=False)
+        return env.run(describe).stdout.strip()
     except OSError:
         return ""
-    return done.stdout.strip()
 
 
 def words(out: Path, result: Mapping[str, Any]) -> str:

@@ -8,9 +8,7 @@ from typing import Self
 
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
-
-SETTLED_TIME = 2.0
-"""Time for which the error must stay under the mission's bound to count as settled [s]."""
+from formation.monitor.metrics.settling import DWELL_TIME
 
 
 class DrivenFleet(ABC):
@@ -30,7 +28,7 @@ class DrivenFleet(ABC):
         Raises AssertionError after `within` seconds.
         """
         began = since = self._time()
-        while self._time() < since + SETTLED_TIME:
+        while self._time() < since + DWELL_TIME:
             self._step()
             since = since if self.error() <= self.mission.settled else self._time()
             if since > began + within:

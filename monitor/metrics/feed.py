@@ -33,6 +33,11 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def rounded(value: float | None, digits: int = 3) -> float | None:
+    """Return the value for JSON, with so many decimals; None if it is unknown or not finite."""
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
 class Feed:
     """Metrics of one key. Times of arrival are on this process's clocks: monotonic and system [s]."""
 

@@ -40,7 +40,8 @@ STAMPED: dict[Topic, type[Odometry | Pose | Displacement]] = {
     ODOM: Odometry, POSE: Pose, RELATIVE: Displacement,
 }  # fmt: skip
 """Messages of which only the stamp is read."""
-MOST_DEADLOCKS = 1_000_000
+MAX_DEADLOCKS = 1_000_000
+"""Largest number of deadlocks that is believed."""
 
 
 class PositionAttachments:
@@ -187,7 +188,7 @@ class ReceivedOfRobot(Received):
             avoiding=_avoiding(status)
             if status is not None and does == AgentState.RUN and not status.readonly
             else "",
-            deadlocks=0 if status is None else min(status.deadlocks, MOST_DEADLOCKS),
+            deadlocks=0 if status is None else min(status.deadlocks, MAX_DEADLOCKS),
             fallback=", ".join(
                 one for one in (status.follows if status else ()) if one not in self._spec.neighbours
             ),

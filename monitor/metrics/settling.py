@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
+from formation.monitor.metrics.feed import rounded
+
 DWELL_TIME = 2.0
 """A formation has converged when its error has stayed under the threshold for this long [s]."""
 MAX_UNKNOWN_TIME = 1.0
@@ -147,11 +149,11 @@ class KnownVerdict(NamedTuple):
         """Return it for programs, under the name ``known``."""
         final = self.final or NOTHING
         return {
-            "error": None if final.error is None else round(final.error, 6),
+            "error": rounded(final.error, 6),
             "known_edges": final.known_edges,
             "edges": final.edges,
-            "silent": {name: None if age is None else round(age, 1) for name, age in final.silent.items()},
-            "settled_at": None if self.settled_at is None else round(self.settled_at, 3),
+            "silent": {name: rounded(age, 1) for name, age in final.silent.items()},
+            "settled_at": rounded(self.settled_at),
             "converged": self.converged,
         }
 

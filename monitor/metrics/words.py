@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from formation.monitor.metrics.events import LOST_SILENCE
+from formation.monitor.metrics.feed import rounded
 from formation.monitor.metrics.snapshot import KeyMetrics, RobotMetrics, Snapshot
 from formation.monitor.metrics.statuses import SILENT
 from formation.ros2.messages import Diagnostics, Status
@@ -21,28 +23,28 @@ ROBOTS_PER_MESSAGE = 25
 def as_json(snapshot: Snapshot) -> dict[str, Any]:
     """Return data for a live table: lengths [m], speeds [m/s], angles [rad], times [s]. None: unknown now."""
     return {
-        "elapsed": _round(snapshot.elapsed, 3),
-        "formation_error": _round(snapshot.formation_error, 6),
-        "formation_error_true": _round(snapshot.formation_error_true, 6),
+        "elapsed": rounded(snapshot.elapsed),
+        "formation_error": rounded(snapshot.formation_error, 6),
+        "formation_error_true": rounded(snapshot.formation_error_true, 6),
         "known": snapshot.verdict_now._replace(final=snapshot.known).as_json(),
-        "settled_at": _round(snapshot.settled_at, 3),
+        "settled_at": rounded(snapshot.settled_at),
         "converged": snapshot.converged_now,
         "mode": snapshot.mode,
         "shape": snapshot.shape,
-        "rotation": _round(snapshot.wish.rotation if snapshot.wish else None, 6),
-        "scale": _round(snapshot.wish.scale if snapshot.wish else None, 6),
+        "rotation": rounded(snapshot.wish.rotation if snapshot.wish else None, 6),
+        "scale": rounded(snapshot.wish.scale if snapshot.wish else None, 6),
         "route": snapshot.wish.route if snapshot.wish else None,
         "placed_shape": _placed_shape(snapshot.placed_shape),
         "formed": snapshot.formed,
         "gains": snapshot.tuned.model_dump() if snapshot.tuned else None,
-        "wished_at": _round(snapshot.wished_at, 3),
-        "settling_time": _round(snapshot.settling_time, 3),
+        "wished_at": rounded(snapshot.wished_at),
+        "settling_time": rounded(snapshot.settling_time),
         "leads": snapshot.leads,
         "term": snapshot.lead.term if snapshot.lead else None,
         "waits": snapshot.waits,
         "candidates": {name: one._asdict() for name, one in snapshot.candidates.items()},
         "robots": {name: _robot(robot) for name, robot in snapshot.robots.items()},
-        "edges": [[*edge, _round(error, 6)] for edge, error in snapshot.edges.items()],
+        "edges": [[*edge, rounded(error, 6)] for edge, error in snapshot.edges.items()],
         "missed": snapshot.missed,
         "rejected": dict(snapshot.rejected),
     }
@@ -69,7 +71,7 @@ def line(snapshot: Snapshot) -> str:
         *(
             f"{name} silent for {robot.age:.1f} s"
             for name, robot in snapshot.robots.items()
-            if robot.age is not None and robot.age > 1.0 and snapshot.known.error is None
+            if robot.age is not None and robot.age > LOST_SILENCE and snapshot.known.error is None
         ),
         f"{snapshot.missed} missed" if snapshot.missed else "",
         f"{sum(snapshot.rejected.values())} rejected" if snapshot.rejected else "",
@@ -167,7 +169,7 @@ def _robot_status(name: str, robot: RobotMetrics, errors: Mapping[str, float | N
             values[field] = "true" if value is True else str(value)
     for key, metrics in robot.keys.items():
         values |= {f"{what}.{key.partition('/')[2]}": text for what, text in _key(metrics)}
-    fresh = robot.age is not None and robot.age <= 1.0
+    fresh = robot.age is not None and robot.age <= LOST_SILENCE
     level = (OK if robot.shown == "run" else WARNING) if fresh else STALE
     return Status(f"{name}: monitor", level, f"{robot.shown}: {robot.reason}", name, values)
 
@@ -188,23 +190,23 @@ def _robot(robot: RobotMetrics) -> dict[str, Any]:
         "state": robot.shown,
         "reason": robot.reason,
         "reason_code": robot.reason_code,
-        "error": _round(robot.error, 6),
-        "known": [_round(robot.known.error, 6), robot.known.known_edges, robot.known.edges],
-        "speed": _round(robot.speed, 4),
-        "turn_rate": _round(robot.turn_rate, 4),
-        "speed_share": _round(robot.speed_share, 4),
-        "turn_share": _round(robot.turn_share, 4),
-        "age": _round(robot.age, 3),
-        "heading_error": _round(robot.heading_error, 5),
-        "rate": _round(robot.rate, 2),
+        "error": rounded(robot.error, 6),
+        "known": [rounded(robot.known.error, 6), robot.known.known_edges, robot.known.edges],
+        "speed": rounded(robot.speed, 4),
+        "turn_rate": rounded(robot.turn_rate, 4),
+        "speed_share": rounded(robot.speed_share, 4),
+        "turn_share": rounded(robot.turn_share, 4),
+        "age": rounded(robot.age),
+        "heading_error": rounded(robot.heading_error, 5),
+        "rate": rounded(robot.rate, 2),
         "unavailable": robot.unavailable,
         "stuck": robot.stuck,
         "avoiding": robot.avoiding,
         "deadlocks": robot.deadlocks,
         "fallback": robot.fallback,
         "sight": robot.sight,
-        "seen": {name: _round(deviation, 4) for name, deviation in robot.seen.items()},
-        "correction": _round(robot.correction, 4),
+        "seen": {name: rounded(deviation, 4) for name, deviation in robot.seen.items()},
+        "correction": rounded(robot.correction, 4),
         "publishers": robot.publishers,
     }
 
@@ -212,16 +214,16 @@ def _robot(robot: RobotMetrics) -> dict[str, Any]:
 def _placed_shape(placed_shape: PlacedShape | None) -> dict[str, Any] | None:
     if placed_shape is None:
         return None
-    mix = {shape: _round(share, 4) for shape, share in placed_shape.mix}
-    return {"mix": mix, "rotation": _round(placed_shape.rotation, 6), "scale": _round(placed_shape.scale, 6)}
+    mix = {shape: rounded(share, 4) for shape, share in placed_shape.mix}
+    return {
+        "mix": mix,
+        "rotation": rounded(placed_shape.rotation, 6),
+        "scale": rounded(placed_shape.scale, 6),
+    }
 
 
 def _length(metres: float) -> str:
     return f"{metres * 1e3:.1f} mm" if abs(metres) < 1.0 else f"{metres:.2f} m"
-
-
-def _round(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(value, digits)
 
 
 def _text(value: float | None, digits: int = 4) -> str:

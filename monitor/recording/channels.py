@@ -23,6 +23,8 @@ DISTRIBUTIONS = {"formation": "zenoh-formation"} | {
     name: name for name in ("eclipse-zenoh", "mcap", "numpy", "pydantic")
 }
 """Distributions with versions stated in a recording, by their names in it."""
+VERSIONS = ("python", *DISTRIBUTIONS)
+"""Names of all versions in a recording."""
 QOS = """\
 - history: 1
   depth: 10

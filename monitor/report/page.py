@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from formation.monitor.recording.channels import VERSIONS
 from formation.monitor.report import drawing, figures, summary, tables, words
 from formation.monitor.report.gather import Run
 from formation.monitor.report.parts import PANELS, Panel, View
@@ -27,7 +28,6 @@ MAX_RECOLOURED_FOLLOWERS = len(drawing.PALETTE)
 """Most followers with colours for a dark page; with more, the figure's background stays white."""
 MAX_DIFFERENCES = 12
 """Number of differences of two missions that are listed."""
-_PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic")
 CAPTIONS = {
     "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
     "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
@@ -177,7 +177,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "messages", words.whole(run.messages)
     yield "law", run.mission.law.kind
     yield "mission fingerprint", run.mission.fingerprint
-    yield "versions", ", ".join(f"{name} {about[name]}" for name in _PACKAGES if about.get(name))
+    yield "versions", ", ".join(f"{name} {about[name]}" for name in VERSIONS if about.get(name))
 
 
 def _panel(run: Run, view: View, which: Panel, name: str, mark: str = "") -> Drawn:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from formation.monitor.metrics.events import described
+from formation.monitor.metrics.words import CORRECTION_SHOWN
 from formation.monitor.report import words
 from formation.monitor.report.gather import Run
 from formation.monitor.report.leader_terms import overlaps
@@ -53,9 +54,6 @@ ACTIVITIES = (
     " kept from moving, and went another way for a while. Without sight: it had to see its neighbours,"
     " and did not. Odometry off by: the largest correction by its scans."
 )
-
-LEAST_DRIFT = 0.01
-"""Correction of odometry by scans from which on it is shown [m]."""
 
 
 class Table(NamedTuple):
@@ -239,7 +237,7 @@ def activities(run: Run) -> Table:
         times = [one.seconds.get(state, 0.0) for state in (*STATES, LOST_STATE)]
         times += [one.avoiding, one.blocked, one.fallback, one.unseeing]
         *lasting, avoiding, blocked, fallback, blind = (words.lasting(time) if time else "" for time in times)
-        drift = f"{one.correction:.2f} m" if one.correction >= LEAST_DRIFT else ""
+        drift = f"{one.correction:.2f} m" if one.correction > CORRECTION_SHOWN else ""
         unavailable = words.lasting(one.unavailable) if one.times_unavailable else ""
         if one.times_unavailable > 1:
             unavailable += f", {one.times_unavailable} times"

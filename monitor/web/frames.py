@@ -7,7 +7,6 @@ columns. Lengths [m], angles [rad], times [s, our system clock]. None always mea
 from __future__ import annotations
 
 import cmath
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.events import LOST_SILENCE
-from formation.monitor.metrics.feed import clock_agrees, freshness_limit
+from formation.monitor.metrics.feed import clock_agrees, freshness_limit, rounded
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import AVOIDING, SIGHT, RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
@@ -29,8 +28,8 @@ FIELDS = (
     "avoiding",
 )  # fmt: skip
 """Columns of a robot's row: its centre, its control point, the wanted control point, and metrics."""
-MILLI, TENTH_MILLI = 3, 4
-"""Decimals shown on a page; the finer one is only for a formation error."""
+ERROR_DECIMALS = 4
+"""Decimals of a formation error in metres; other numbers have three."""
 MIN_RATE_SHARE = 0.9
 """Share of the promised rate that counts as full."""
 LOSS_BEARABLE, LOSS_WEIGHT = 0.01, 3.0
@@ -45,18 +44,13 @@ STATUSLESS_HEALTH = 0.5
 """Health of a robot that moves along but publishes no status."""
 
 
-def hello(
-    mission: Mission, *, live: bool, control: bool, version: str, law: str | None = None
-) -> dict[str, Any]:
-    """Return what does not change while the page is open. `control`: orders are accepted with the token.
-
-    `law` is the one in use, if it is not the mission's.
-    """
+def hello(mission: Mission, *, live: bool, control: bool, version: str) -> dict[str, Any]:
+    """Return what does not change while the page is open. `control`: orders are accepted with the token."""
     index = {name: i for i, name in enumerate(mission.names)}
     return {
         "live": live,
         "mission": mission.name,
-        "law": law or mission.law.kind,
+        "law": mission.law.kind,
         "settled": mission.settled,
         "control": control,
         "version": version,
@@ -86,7 +80,7 @@ def hello(
 
 def event(number: int, one: Event) -> dict[str, Any]:
     """Return one event; `number` is one more than that of the event before."""
-    return {"n": number, **one._asdict(), "at": round(one.at, MILLI)}
+    return {"n": number, **one._asdict(), "at": rounded(one.at)}
 
 
 def frame(
@@ -113,12 +107,12 @@ def frame(
         places = placed.get(name), truly.get(name)
         rows.append(_row(name, seen.robots[name], _offset(mission, name), places, slot, well))
     return {
-        "t": round(now.wall, MILLI),
-        "elapsed": _round(seen.elapsed),
-        "error": _round(seen.formation_error, TENTH_MILLI),
+        "t": rounded(now.wall),
+        "elapsed": rounded(seen.elapsed),
+        "error": rounded(seen.formation_error, ERROR_DECIMALS),
         **_known(seen),
-        "true": _round(seen.formation_error_true, TENTH_MILLI),
-        "settled_at": _round(seen.settled_at),
+        "true": rounded(seen.formation_error_true, ERROR_DECIMALS),
+        "settled_at": rounded(seen.settled_at),
         "converged": seen.converged,
         "mode": seen.mode,
         "shape": seen.shape,
@@ -126,7 +120,7 @@ def frame(
         "rejected": sum(seen.rejected.values()),
         "recording": recording,
         "r": rows,
-        "e": [_round(error, TENTH_MILLI) for error in seen.edges.values()],
+        "e": [rounded(error, ERROR_DECIMALS) for error in seen.edges.values()],
         **_wished(seen),
         **_leading(seen),
         **({} if replay is None else {"replay": replay}),
@@ -139,15 +133,17 @@ def _known(seen: Snapshot) -> dict[str, Any]:
     if known.complete or known.error is None:
         return {}
     over = [known.known_edges, known.edges, known.words]
-    return {"known": [_round(known.error, TENTH_MILLI), *over, _round(verdict.settled_at), verdict.converged]}
+    return {
+        "known": [rounded(known.error, ERROR_DECIMALS), *over, rounded(verdict.settled_at), verdict.converged]
+    }
 
 
 def _wished(seen: Snapshot) -> dict[str, Any]:
     if seen.wish is None:
         return {}
     return {
-        **({"rotation": _round(seen.wish.rotation)} if seen.wish.rotation else {}),
-        **({"scale": _round(seen.wish.scale)} if seen.wish.scale != 1.0 else {}),
+        **({"rotation": rounded(seen.wish.rotation)} if seen.wish.rotation else {}),
+        **({"scale": rounded(seen.wish.scale)} if seen.wish.scale != 1.0 else {}),
         **({} if seen.formed else {"forming": True}),
         **({"waits": seen.waits} if seen.waits else {}),
     }
@@ -158,8 +154,8 @@ def _leading(seen: Snapshot) -> dict[str, Any]:
         return {}
     return {
         "leads": seen.leads,
-        "since": _round(seen.lead.since if seen.lead else None),
-        "c": [[one.state, one.reason, _round(one.age)] for one in seen.candidates.values()],
+        "since": rounded(seen.lead.since if seen.lead else None),
+        "c": [[one.state, one.reason, rounded(one.age)] for one in seen.candidates.values()],
     }
 
 
@@ -171,22 +167,22 @@ def _row(
     place, truth = places
     return [
         *_xy(_centre(place, offset)),
-        None if place is None else _round(cmath.phase(place.heading)),
+        None if place is None else rounded(cmath.phase(place.heading)),
         *_xy(None if place is None else place.point),
         *_xy(slot),
-        _round(robot.error, TENTH_MILLI),
-        _round(robot.speed),
-        _round(robot.turn_rate),
-        _round(robot.speed_share),
-        _round(robot.turn_share),
-        _round(robot.age),
-        _round(robot.rate, 1),
-        _round(robot.keys[POSITION.key(name)].loss),
-        _round(well.share, 2),
+        rounded(robot.error, ERROR_DECIMALS),
+        rounded(robot.speed),
+        rounded(robot.turn_rate),
+        rounded(robot.speed_share),
+        rounded(robot.turn_share),
+        rounded(robot.age),
+        rounded(robot.rate, 1),
+        rounded(robot.keys[POSITION.key(name)].loss),
+        rounded(well.share, 2),
         robot.shown,
         robot.reason,
         *_xy(_centre(truth, offset)),
-        _round(robot.heading_error),
+        rounded(robot.heading_error),
         well.why,
         2 if robot.stuck else int(robot.unavailable),
         robot.fallback,
@@ -204,11 +200,7 @@ def _centre(place: Placed | None, offset: float) -> complex | None:
 
 
 def _xy(point: complex | None) -> list[float | None]:
-    return [None, None] if point is None else [_round(point.real), _round(point.imag)]
-
-
-def _round(value: float | None, digits: int = MILLI) -> float | None:
-    return None if value is None or not math.isfinite(value) else round(value, digits)
+    return [None, None] if point is None else [rounded(point.real), rounded(point.imag)]
 
 
 class Health(NamedTuple):

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
 from typing import Any, NamedTuple
 
+from formation.monitor.metrics.feed import rounded
 from formation.monitor.metrics.snapshot import Snapshot
 
 HISTORY_RATE = 2.0
@@ -160,7 +161,7 @@ class Source:
 
 
 def _point(at: float, error: float | None) -> tuple[float, float | None]:
-    return round(at, 2), None if error is None else round(error, 4)
+    return round(at, 2), rounded(error, 4)
 
 
 def _event_chunk(event: Mapping[str, Any]) -> bytes:

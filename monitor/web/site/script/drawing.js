@@ -31,7 +31,7 @@ function sizeOf(model, camera, unit) {
 }
 
 /** Distance between two lines of the grid [m]: 1, 2 or 5 times a power of ten, at least `least` pixels. */
-export function gridStep(scale, least) {
+function gridStep(scale, least) {
   const power = 10 ** Math.floor(Math.log10(least / scale));
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step * scale >= least);
 }

@@ -1,7 +1,7 @@
 /** The leader driven by hand: a pad that counts while it is held. Let go, and all robots hold. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
-import { post } from "./token.js";
+import { post, randomId } from "./token.js";
 
 const PERIOD = 50; // between two velocities [ms]
 const PATIENCE = 300; // a velocity counts no longer than this after the answer that it returns [ms]
@@ -10,7 +10,7 @@ const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRigh
 export class DrivePad {
   constructor() {
     this.pad = byId("drive-pad");
-    this.driver = `page-${[...crypto.getRandomValues(new Uint8Array(6))].map((byte) => byte.toString(16).padStart(2, "0")).join("")}`;
+    this.driver = `page-${randomId(6)}`;
     this.leaders = 0; // token of the leader's newest answer
     this.wanted = [0, 0];
     this.held = new Set();

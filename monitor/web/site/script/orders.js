@@ -1,7 +1,7 @@
 /** Orders to the fleet, and the robots that acknowledged them. Shown only where the page was started with --control. */
 
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
-import { forget, keep, post, token } from "./token.js";
+import { forget, keep, post, randomId, token } from "./token.js";
 
 const TWICE = 1000; // Escape twice within so long stops [ms]
 const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
@@ -100,7 +100,7 @@ export class Orders {
 
   async give(what, values = {}) {
     const seen = this.model.frame?.t ?? 0; // stop and hold are allowed before the first frame
-    const body = { do: what, click: click(), seen, ...values };
+    const body = { do: what, click: randomId(12), seen, ...values }; // a click that is sent twice counts once
     if (what === "shape") body.shape = this.shape.value;
     const turn = (this.turn += 1);
     this.tell("asking", `${what}: asking …`);
@@ -164,9 +164,4 @@ export class Orders {
 function verdict(what, one, unreached) {
   if (!unreached.includes(one.robot)) return "REFUSED";
   return what === "stop" ? "NOT STOPPED" : "NOT HELD";
-}
-
-/** A name of this press of a button, so that one that is sent twice counts once. */
-function click() {
-  return [...crypto.getRandomValues(new Uint8Array(12))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }

@@ -32,7 +32,7 @@ export function robotColour(robot, count) {
 }
 
 /** Edges by their error [m]: the wider, the worse, so that colour is not needed. */
-export const EDGE_STEPS = [
+const EDGE_STEPS = [
   { under: 0.01, colour: "edge-1", width: 1.25 },
   { under: 0.05, colour: "edge-2", width: 2 },
   { under: 0.2, colour: "edge-3", width: 3 },

@@ -20,6 +20,11 @@ export function keep(word) {
   store("sessionStorage", KEY, word.trim());
 }
 
+/** Random hexadecimal digits, two for each of `bytes`. */
+export function randomId(bytes) {
+  return [...crypto.getRandomValues(new Uint8Array(bytes))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
 /** Send `body` to the page's own server, with the token; it is given up after `patience` [ms]. */
 export function post(path, body, patience) {
   return fetch(path, {

@@ -49,7 +49,7 @@ def test_hello_contains_mission_and_robot_constants() -> None:
         "max_turn_rate": second.max_turn_rate, "offset": second.control_point_offset,
     }  # fmt: skip
     assert reported["robots"][0]["offset"] == 0.0
-    assert hello(MISSION, live=False, control=False, version="", law="paper")["law"] == "paper"
+    assert hello(MISSION.under("paper"), live=False, control=False, version="")["law"] == "paper"
 
 
 def test_edges_and_shapes_use_the_order_of_robots() -> None:
