@@ -22,12 +22,12 @@ from formation.transport.runtime.command_line import Parser, make_folder
 from formation.transport.runtime.flags import add_zenoh
 
 
-def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:
+def parser(command: str, summary: str, examples: str) -> argparse.ArgumentParser:
     """Return a parser for `formation COMMAND`."""
     return Parser(
         prog=f"formation {command}",
         description=summary,
-        epilog=f"examples:\n{examples}" if examples else None,
+        epilog=f"examples:\n{examples}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

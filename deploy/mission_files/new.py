@@ -118,9 +118,9 @@ class Draft(NamedTuple):
     spacing: float
     """[m]"""
     profile: str
-    corners: int | None = None
+    corners: int | None
     """Corners of a polygon; None for the default."""
-    avoid: bool = False
+    avoid: bool
     """Whether robots avoid others by the positions that these publish, which takes more links."""
 
     @property

@@ -92,13 +92,12 @@ def _shape(seen: Snapshot) -> Iterator[Metric]:
     """Yield the wanted shape and the current one."""
     wish, now = seen.wish, seen.placed_shape
     rotation = "counter-clockwise; of a shape that turns with the leader, from its heading"
-    mix = {(shape,): part for shape, part in now.mix} if now else {}
+    mix = {(shape,): part for shape, part in now.mix}
     yield _gauges("shape", "1 for the shape in force", ["shape"], {(seen.shape,): 1.0})
     yield _gauge("rotation_radians", f"Ordered rotation, {rotation}", wish.rotation if wish else None)
     yield _gauge("scale_ratio", "Ordered scale", wish.scale if wish else None)
-    turned = now.rotation if now else None
-    yield _gauge("shape_rotation_radians", "Rotation by now, from the world's x", turned)
-    yield _gauge("shape_scale_ratio", "Scale by now", now.scale if now else None)
+    yield _gauge("shape_rotation_radians", "Rotation by now, from the world's x", now.rotation)
+    yield _gauge("shape_scale_ratio", "Scale by now", now.scale)
     yield _gauges("shape_share_ratio", "Share of a shape in the present mix", ["shape"], mix)
     yield _gauge("shape_formed", "1 once the shape is where it is wanted", seen.formed)
 

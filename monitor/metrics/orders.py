@@ -47,9 +47,9 @@ class Lead(NamedTuple):
     term: int
     since: float
     """[s, our system clock]"""
-    before: str = ""
+    before: str
     """The leader before; empty for the first one."""
-    silent: float = 0.0
+    silent: float
     """Time without a leader before that [s]."""
 
 

@@ -132,11 +132,11 @@ NOTHING = KnownError(None, 0, 0)
 class KnownVerdict(NamedTuple):
     """Whether the known edges have settled."""
 
-    settled_at: float | None = None
+    settled_at: float | None
     """When their error fell below the mission's bound for good, in time of the run [s]."""
-    converged: bool = False
+    converged: bool
     """Whether it has stayed there for the dwell time."""
-    final: KnownError | None = None
+    final: KnownError | None
     """The newest error over the edges known lately; None if there were none."""
 
     @classmethod
@@ -156,10 +156,6 @@ class KnownVerdict(NamedTuple):
             "settled_at": rounded(self.settled_at),
             "converged": self.converged,
         }
-
-
-UNJUDGED = KnownVerdict()
-"""The verdict before the first edge is known."""
 
 
 class KnownSettling:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from formation.monitor.metrics.orders import Lead, Wish
-from formation.monitor.metrics.settling import NOTHING, UNJUDGED, KnownError, KnownVerdict
+from formation.monitor.metrics.settling import KnownError, KnownVerdict
 from formation.protocol.order import Mode, Tuned
 from formation.slots.shape import PlacedShape
 
@@ -47,7 +47,7 @@ class KeyMetrics(NamedTuple):
     """Periods without a message in gaps of up to a second: lost on the way, or skipped by the sender."""
     clock: float | None
     """Median of arrival less stamp [s]: the sender's clock against ours plus the network's delay."""
-    loss: float | None = None
+    loss: float | None
     """Share of the newest periods that were missed; None before the second stamp."""
 
 
@@ -100,31 +100,31 @@ class RobotMetrics:
     """Rate of its positions [Hz]."""
     keys: Mapping[str, KeyMetrics]
     """Reception by key."""
-    rejected_age: float | None = None
+    rejected_age: float | None
     """Since a message on one of its keys was last rejected [s]; None before the first."""
-    unavailable: bool = False
+    unavailable: bool
     """Whether it is unavailable: it does not follow, or not closely yet."""
-    reason_code: str = ""
+    reason_code: str
     """Reason for programs: a `formation.protocol.reasons.Code`, or empty."""
-    readonly: bool = False
+    readonly: bool
     """Its robot gets no commands: `state` is what its agent would do."""
-    stuck: bool = False
+    stuck: bool
     """Whether it reports that it does not move as commanded."""
-    avoiding: str = ""
+    avoiding: str
     """Limit on its law's command, by its newest status: one of `AVOIDING`, or empty."""
-    deadlocks: int = 0
+    deadlocks: int
     """Number of deadlocks with other robots that it resolved since its agent's start."""
-    fallback: str = ""
+    fallback: str
     """Fallback neighbours that it follows."""
-    sight: str = ""
+    sight: str
     """State of its sight of neighbours: a `formation.protocol.status.Sight`; empty if it needs none."""
-    seen: Mapping[str, float] = field(default_factory=dict)
+    seen: Mapping[str, float]
     """Standard deviation of each seen neighbour's place [m]."""
-    correction: float | None = None
+    correction: float | None
     """Distance by which its scans have corrected its odometry [m]."""
-    publishers: int = 0
+    publishers: int
     """Number of publishers of its positions so far."""
-    known: KnownError = NOTHING
+    known: KnownError
     """The error over its known neighbours."""
 
     @property
@@ -160,33 +160,33 @@ class Snapshot:
     """Sum over all keys."""
     rejected: Mapping[str, int]
     """Rejected messages, by ``key: reason``."""
-    contested: frozenset[str] = frozenset()
+    contested: frozenset[str]
     """Robots with a second publisher, by their neighbours' statuses or their own positions."""
-    forgers: frozenset[str] = frozenset()
+    forgers: frozenset[str]
     """Robots that lately relayed forged orders, by other robots' statuses."""
-    wish: Wish | None = None
+    wish: Wish | None
     """The newest wish; None before the first order."""
-    wished_at: float = 0.0
+    wished_at: float
     """When, in time of `elapsed`, the wish last changed [s]; 0 if it never did."""
-    placed_shape: PlacedShape | None = None
+    placed_shape: PlacedShape
     """The current shape with rotation and scale."""
-    formed: bool = True
+    formed: bool
     """Whether the shape has reached the newest wish."""
-    tuned: Tuned | None = None
+    tuned: Tuned | None
     """Gains of the law that replace the mission's."""
-    lead: Lead | None = None
+    lead: Lead | None
     """The last leader; None before the first order."""
-    leads: str | None = None
+    leads: str | None
     """The leading candidate, which sends the leader's positions; None while none is received."""
-    waits: str = ""
+    waits: str
     """Robots that the leader waits for."""
-    requests: tuple[ReportedRequest, ...] = ()
+    requests: tuple[ReportedRequest, ...]
     """Operator requests to the candidates since the monitor began, newest last."""
-    known: KnownError = NOTHING
+    known: KnownError
     """The error over the edges known now."""
-    known_verdict: KnownVerdict = UNJUDGED
+    known_verdict: KnownVerdict
     """`settled_at`, `converged` and `final_error` over the edges that are known."""
-    candidates: Mapping[str, CandidateMetrics] = field(default_factory=dict)
+    candidates: Mapping[str, CandidateMetrics]
     """The candidates, by rank; empty if there are no standbys."""
 
     @property

@@ -141,7 +141,7 @@ def _formation_status(snapshot: Snapshot) -> Status:
 
 def _wanted(snapshot: Snapshot) -> dict[str, str]:
     """Return the wish and its progress; angles counter-clockwise."""
-    if snapshot.wish is None or snapshot.placed_shape is None:
+    if snapshot.wish is None:
         return {}
     return {
         "rotation": _text(snapshot.wish.rotation),
@@ -211,9 +211,7 @@ def _robot(robot: RobotMetrics) -> dict[str, Any]:
     }
 
 
-def _placed_shape(placed_shape: PlacedShape | None) -> dict[str, Any] | None:
-    if placed_shape is None:
-        return None
+def _placed_shape(placed_shape: PlacedShape) -> dict[str, Any]:
     mix = {shape: rounded(share, 4) for shape, share in placed_shape.mix}
     return {
         "mix": mix,

@@ -127,7 +127,7 @@ def records(file: IO[bytes]) -> Iterator[Record]:
         at = starts[following]
 
 
-def damaged(file: IO[bytes], tell: Tell = lambda _: None) -> int:
+def damaged(file: IO[bytes], tell: Tell) -> int:
     """Return the number of stretches that cannot be read; what is missing at the end is none."""
     count, end, size = 0, len(MAGIC), os.fstat(file.fileno()).st_size
     for record in records(file):

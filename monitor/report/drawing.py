@@ -132,7 +132,7 @@ def draw_paths(
     centres: ComplexArray,
     names: Sequence[str],
     robots: Sequence[Look],
-    lines: ComplexArray | None = None,
+    lines: ComplexArray,
 ) -> None:
     """Draw the centres' paths [m; world frame], shape (T, N), the leader's dotted; a number at each start.
 
@@ -145,8 +145,7 @@ def draw_paths(
             path.real, path.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
         )
     if not many:
-        drawn = centres[:: max(1, len(centres) // 500)].ravel()
-        drawn = drawn if lines is None else np.concatenate([drawn, lines])
+        drawn = np.concatenate([centres[:: max(1, len(centres) // 500)].ravel(), lines])
         _label_starts(axes, centres, names, [INK, *(look.colour for look in robots)], drawn)
     axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     equal(axes)

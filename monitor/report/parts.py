@@ -12,7 +12,6 @@ from formation.control.arrays import FloatArray
 from formation.monitor.report import drawing, words
 from formation.monitor.report.drawing import FAINT, INK, MANY_ROBOTS
 from formation.monitor.report.gather import Run
-from formation.slots.shape import PlacedShape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,8 +101,7 @@ class Panel(NamedTuple):
 def graph(axes: Axes, run: Run, _view: View) -> None:
     """(a) Draw the sensing graph at the slots."""
     mission = run.mission
-    placed_shape = run.snapshot.placed_shape or PlacedShape.first(mission)
-    points = np.array(placed_shape.slots(mission), dtype=np.complex128)
+    points = np.array(run.snapshot.placed_shape.slots(mission), dtype=np.complex128)
     drawing.graph(axes, mission.names, edges(run), points, drawing.looks(len(mission.followers)))
 
 

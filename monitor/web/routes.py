@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import json
 import logging
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -131,9 +132,9 @@ class Orders:
 
     def __init__(self, source: Source, control: Control) -> None:
         self._source, self._control = source, control
-        self._threads = ThreadPoolExecutor(MAX_ORDERS + MAX_EXTRA_STOPS, "order")
+        self._orders = ThreadPoolExecutor(MAX_ORDERS + MAX_EXTRA_STOPS, "order")
         self._drives = ThreadPoolExecutor(MAX_DRIVES, "drive")
-        self._under_way = self._driving = 0
+        self._under_way: Counter[ThreadPoolExecutor] = Counter()
 
     async def may(self, request: Request) -> Response:
         """Answer whether the sender may give orders, so that a missing token shows before the first stop."""
@@ -148,34 +149,19 @@ class Orders:
         what = {name: body.get(name) for name in TAKES.get(do, ())}
         if do == "shape":
             what["shape"] = _one_of(body, "shape", self._source.shapes)
-        if self._under_way >= MAX_ORDERS + MAX_EXTRA_STOPS * (do == "stop"):
-            raise HTTPException(
-                429, f"{self._under_way} orders are under way; try again", {"retry-after": "1"}
-            )
         order = partial(
             self._control.order, do, click=_text(body, "click"), seen=_number(body, "seen"), **what
         )
-        return JSONResponse(await self._give(order), headers=NO_STORE)
+        return await self._run(self._orders, MAX_ORDERS + MAX_EXTRA_STOPS * (do == "stop"), order)
 
     async def drive(self, request: Request) -> Response:
         """Pass on a driver's velocity and answer with the leader's answer."""
         self._know(request)
         body = await _body(request)
-        if self._driving >= MAX_DRIVES:
-            raise HTTPException(
-                429, f"{MAX_DRIVES} velocities are under way; try again", {"retry-after": "1"}
-            )
         share = {name: _number(body, name) or 0.0 for name in ("forward", "turn")}
         token = int(_number(body, "token") or 0.0)
         drive = partial(self._control.drive, driver=_text(body, "driver"), token=token, **share)
-        self._driving += 1
-        try:
-            answer = await asyncio.get_running_loop().run_in_executor(self._drives, drive)
-        except ValueError as error:
-            raise HTTPException(409, str(error)) from None
-        finally:
-            self._driving -= 1
-        return JSONResponse(answer, headers=NO_STORE)
+        return await self._run(self._drives, MAX_DRIVES, drive)
 
     def _know(self, request: Request) -> None:
         """Refuse a request without the token."""
@@ -184,10 +170,19 @@ class Orders:
             raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
         request.scope[OPERATOR] = True
 
-    async def _give(self, order: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        self._under_way += 1
+    async def _run(
+        self, threads: ThreadPoolExecutor, most: int, order: Callable[[], dict[str, Any]]
+    ) -> Response:
+        """Give an order, or a velocity, in one of `threads`, and answer with what it returns.
+
+        It is refused while `most` are under way.
+        """
+        if self._under_way[threads] >= most:
+            raise HTTPException(429, f"{most} like this are under way; try again", {"retry-after": "1"})
+        self._under_way[threads] += 1
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._threads, order)
+            answer = await asyncio.get_running_loop().run_in_executor(threads, order)
+            return JSONResponse(answer, headers=NO_STORE)
         except BadOrder as error:
             raise HTTPException(400, str(error)) from None
         except ValueError as error:
@@ -196,7 +191,7 @@ class Orders:
             _log.exception("an order of the page was not given")
             raise HTTPException(500, f"the order was not given: {error}") from None
         finally:
-            self._under_way -= 1
+            self._under_way[threads] -= 1
 
 
 async def _steer(steer: Steer, request: Request) -> Response:

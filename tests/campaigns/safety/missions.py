@@ -20,7 +20,7 @@ from tests.campaigns.safety.part import Options, bar, reported
 
 def made(shape: str, robots: int, profile: str, *, avoid: bool = True) -> Mission:
     """The mission that `formation new` writes, by default with ``--avoid``: no scanners are simulated."""
-    draft = Draft(shape, robots, PROFILES[profile].spacing, profile, avoid=avoid)
+    draft = Draft(shape, robots, PROFILES[profile].spacing, profile, None, avoid)
     return parse(text(draft), f"{shape}-{robots}, {profile}")
 
 
