@@ -1,8 +1,8 @@
 /** Events as lines. The same event of many robots at once is one line: a hundred that join would hide all others. */
 
-const AT_ONCE = 1; // events of one kind within so long belong together [s] …
-const MANY = 3; // … if they are of so many robots
-const NAMED = 2; // so many of the robots are named
+const AT_ONCE = 1; // time within which events of one kind belong together [s]
+const MANY = 3; // number of robots from which on they are one line
+const NAMED = 2; // number of those robots that are named
 
 /** Lists of events, each of them a line, newest first; `events` come oldest first. */
 export function lines(events) {
@@ -31,7 +31,7 @@ function newest(events) {
   return events[events.length - 1];
 }
 
-/** "robot2, robot3 and 98 more: in formation control", the reason only if all have the same. */
+/** "robot2, robot3 and 98 more: in formation control", with the text if it is the same for all. */
 export function sum(events) {
   const names = events.slice(0, NAMED).map((event) => event.robot).join(", ");
   const [{ text }] = events;

@@ -1,9 +1,9 @@
-/** Which part of the plane is seen, and how large. World: metres, y up; screen: CSS pixels, y down. */
+/** The visible part of the plane, and its scale. World: metres, y up; screen: CSS pixels, y down. */
 
 const SMALLEST = 2; // [px/m]
 const LARGEST = 2000;
-const EASE = 0.3; // share of the way that one frame goes
-const ROOM = 1.12; // how much larger the formation could be drawn before the camera goes nearer
+const EASE = 0.3; // share of the remaining change that one frame makes
+const ROOM = 1.12; // the camera zooms in only if the formation could be drawn larger by this factor
 
 export class Camera {
   constructor() {
@@ -39,7 +39,7 @@ export class Camera {
     return sx > 0 && sx < this.width && sy > 0 && sy < this.height;
   }
 
-  /** The formation's `box` [m] in the middle of what `room` [px] leaves free; `still` leaves out the easing. */
+  /** Centre the formation's `box` [m] in the canvas without its margins `room` [px]; `still`: at once. */
   follow(box, room, still) {
     if (!this.follows || !box) return;
     const wide = Math.max(box.right - box.left, 0.5);
@@ -61,7 +61,7 @@ export class Camera {
     this.y += dy / this.scale;
   }
 
-  /** Larger by `factor`, with what is at the screen's (sx, sy) staying there. */
+  /** Zoom by `factor`; the point at the screen's (sx, sy) stays there. */
   zoom(factor, sx = this.width / 2, sy = this.height / 2) {
     const before = this.scale;
     this.follows = false;
@@ -77,7 +77,7 @@ export class Camera {
   }
 }
 
-/** What holds every robot and every slot [m]; null while nothing is known. */
+/** Bounding box of all robots and slots [m]; null while nothing is known. */
 export function boxOf(robots) {
   const box = { left: Infinity, right: -Infinity, bottom: Infinity, top: -Infinity };
   const take = (x, y) => {

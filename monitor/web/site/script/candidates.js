@@ -1,4 +1,4 @@
-/** The leader and its standbys: a chip for each, if there is more than one. */
+/** The leader and its standbys: a chip for each, if there are standbys. */
 
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
@@ -36,7 +36,7 @@ export class Candidates {
 
   why(name, state, reason, age, since) {
     if (state === "leads") return `${name} leads since ${format.clock(since)}`;
-    if (state === "silent") return `${name} has sent nothing for ${format.age(age)}: it could not take over`;
+    if (state === "silent") return `${name} has sent nothing for ${format.age(age)}: it cannot take over`;
     return `${name}: ${reason || state}`;
   }
 }

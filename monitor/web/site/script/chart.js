@@ -1,4 +1,4 @@
-/** The formation error over time, with the bound under which it counts as settled, and what happened when. */
+/** The formation error over time, with the mission's bound and the events. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
@@ -7,7 +7,7 @@ import { restore, store } from "./store.js";
 
 const LEAST = 1e-4; // where a logarithmic scale ends below [m]
 const SYMBOLS = { lost: "✕", stopped: "■", held: "Ⅱ", runs: "▶", back: "↩", settled: "✓", unsettled: "✓̸", order: "◆", operator: "◆", leader: "★", recording: "●" };
-const APART = 13; // symbols nearer to each other are left out [px]
+const APART = 13; // least distance between two symbols; others are left out [px]
 const SECONDS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600]; // between two marks of the time
 const KEY = "formation-log-scale";
 
@@ -30,7 +30,7 @@ export class ErrorChart {
     this.rebuild();
   }
 
-  /** Anew, with the colours and the scale of now. */
+  /** Make the plot again, with the current colours and scale. */
   rebuild() {
     if (this.plot) this.plot.destroy();
     this.plot = null;
@@ -90,7 +90,7 @@ export class ErrorChart {
     };
   }
 
-  /** Events as symbols on the upper border, with a line down. */
+  /** Draw events as symbols on the upper border, with a line down. */
   mark(plot, unit) {
     const { ctx, bbox } = plot;
     const dots = devicePixelRatio || 1;
@@ -118,7 +118,7 @@ export class ErrorChart {
     ctx.restore();
   }
 
-  /** What stands under the cursor, in words. */
+  /** Write the value under the cursor. */
   read(plot) {
     const { idx } = plot.cursor;
     const at = idx ?? -1;

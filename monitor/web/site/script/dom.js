@@ -1,4 +1,4 @@
-/** Small words for the document; what has not changed is not touched. */
+/** Short functions for the document; they change only what differs. */
 
 export const byId = (id) => document.getElementById(id);
 

@@ -1,13 +1,14 @@
-/** What the top view shows, in layers: grid, what stands about, trails, edges, slots, ghosts, robots, names, scale bar. */
+/** The top view in layers: grid, posts and walls, trails, edges, slots, true poses, robots, names, scale bar. */
 
 import { standIn } from "./candidates.js";
 import { colour, edgeStep, robotColour } from "./palette.js";
 import { drawGhost, drawRobot } from "./figures.js";
 import { length } from "./format.js";
+import { circle, disc, line } from "./pen.js";
 
-const ARROWS = 14; // up to so many robots the edges have arrows, from the robot that measures
-const VISIBLE = 4; // [px] from which an offset is worth drawing
-const NAMES = 24; // up to so many robots all are named
+const ARROWS = 14; // largest number of robots with which edges have arrows
+const VISIBLE = 4; // smallest offset that is drawn [px]
+const NAMES = 24; // largest number of robots that are all named
 
 export function draw(pen, camera, model, unit) {
   pen.clearRect(0, 0, camera.width, camera.height);
@@ -24,7 +25,7 @@ export function draw(pen, camera, model, unit) {
   drawScale(pen, camera, unit);
 }
 
-/** Half the length of a robot's triangle [px]: as large as there is room between the slots. */
+/** Half the length of a robot's triangle [px]: it grows with the scale, within limits. */
 function sizeOf(model, camera, unit) {
   const few = model.robots.length <= NAMES;
   return Math.min(Math.max(0.16 * camera.scale, (few ? 9 : 7) * unit), (few ? 20 : 12) * unit);
@@ -40,24 +41,21 @@ function drawGrid(pen, camera) {
   const step = gridStep(camera.scale, 56);
   const [halfWide, halfHigh] = [camera.width / 2 / camera.scale, camera.height / 2 / camera.scale];
   pen.lineWidth = 1;
-  const line = (bold, fromX, fromY, toX, toY) => {
-    pen.strokeStyle = colour(bold ? "axis" : "grid");
-    pen.beginPath();
-    pen.moveTo(fromX, fromY);
-    pen.lineTo(toX, toY);
-    pen.stroke();
+  const rule = (n, ...ends) => {
+    pen.strokeStyle = colour(n % 5 === 0 ? "axis" : "grid");
+    line(pen, ...ends);
   };
   for (let n = Math.ceil((camera.x - halfWide) / step); n * step <= camera.x + halfWide; n += 1) {
     const sx = Math.round(camera.sx(n * step)) + 0.5;
-    line(n % 5 === 0, sx, 0, sx, camera.height);
+    rule(n, [sx, 0], [sx, camera.height]);
   }
   for (let n = Math.ceil((camera.y - halfHigh) / step); n * step <= camera.y + halfHigh; n += 1) {
     const sy = Math.round(camera.sy(n * step)) + 0.5;
-    line(n % 5 === 0, 0, sy, camera.width, sy);
+    rule(n, [0, sy], [camera.width, sy]);
   }
 }
 
-/** A route that is being drawn: from the leader through each point. */
+/** Draw the planned route: from the leader through each point. */
 function drawPlanned(pen, camera, { planned, robots }, unit) {
   if (!planned.length) return;
   const leader = robots.find((robot) => robot.leader)?.place;
@@ -65,33 +63,22 @@ function drawPlanned(pen, camera, { planned, robots }, unit) {
   pen.strokeStyle = pen.fillStyle = colour("accent");
   pen.lineWidth = 2 * unit;
   pen.setLineDash([6 * unit, 4 * unit]);
-  pen.beginPath();
-  path.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
-  pen.stroke();
+  line(pen, ...path);
   pen.setLineDash([]);
-  for (const [x, y] of path.slice(leader ? 1 : 0)) {
-    pen.beginPath();
-    pen.arc(x, y, 5 * unit, 0, 2 * Math.PI);
-    pen.fill();
-  }
+  for (const [x, y] of path.slice(leader ? 1 : 0)) disc(pen, x, y, 5 * unit);
 }
 
-/** Posts and walls of a simulated world; they are absent where there is no ground truth. */
+/** Draw posts and walls of a simulated world, if there is ground truth. */
 function drawThings(pen, camera, { hello, robots }, unit) {
   if (!robots.some((robot) => robot.truth)) return;
   pen.fillStyle = pen.strokeStyle = colour("muted");
   for (const [x, y, radius] of hello.posts) {
-    pen.beginPath();
-    pen.arc(camera.sx(x), camera.sy(y), Math.max(radius * camera.scale, unit), 0, 2 * Math.PI);
-    pen.fill();
+    disc(pen, camera.sx(x), camera.sy(y), Math.max(radius * camera.scale, unit));
   }
   pen.lineWidth = 3 * unit;
   pen.lineCap = "round";
   for (const [fromX, fromY, toX, toY] of hello.walls) {
-    pen.beginPath();
-    pen.moveTo(camera.sx(fromX), camera.sy(fromY));
-    pen.lineTo(camera.sx(toX), camera.sy(toY));
-    pen.stroke();
+    line(pen, [camera.sx(fromX), camera.sy(fromY)], [camera.sx(toX), camera.sy(toY)]);
   }
   pen.lineCap = "butt";
 }
@@ -117,23 +104,20 @@ function drawEdges(pen, camera, model, unit) {
     if (!here || !there) return;
     const error = model.frame.e[index] ?? null;
     const step = error === null ? null : edgeStep(error);
-    const line = { fx: camera.sx(here.px), fy: camera.sy(here.py), tx: camera.sx(there.px), ty: camera.sy(there.py) };
+    const ends = [here, there].map(({ px, py }) => [camera.sx(px), camera.sy(py)]);
     pen.strokeStyle = pen.fillStyle = colour(step ? step.colour : "muted");
     pen.lineWidth = (step ? step.width * (many ? 0.55 : 1) : 1) * unit;
     pen.globalAlpha = many ? 0.6 : 1;
     if (!step) pen.setLineDash([3 * unit, 5 * unit]);
-    pen.beginPath();
-    pen.moveTo(line.fx, line.fy);
-    pen.lineTo(line.tx, line.ty);
-    pen.stroke();
+    line(pen, ...ends);
     pen.setLineDash([]);
     pen.globalAlpha = 1;
-    if (model.robots.length <= ARROWS) drawArrow(pen, line, (5 + pen.lineWidth) * unit);
+    if (model.robots.length <= ARROWS) drawArrow(pen, ends, (5 + pen.lineWidth) * unit);
   });
 }
 
 /** An arrow head a little past the middle, towards the measured robot. */
-function drawArrow(pen, { fx, fy, tx, ty }, size) {
+function drawArrow(pen, [[fx, fy], [tx, ty]], size) {
   const long = Math.hypot(tx - fx, ty - fy);
   if (long < 6 * size) return;
   const [ux, uy] = [(tx - fx) / long, (ty - fy) / long];
@@ -145,24 +129,19 @@ function drawArrow(pen, { fx, fy, tx, ty }, size) {
   pen.fill();
 }
 
-/** Where the control point belongs: a ring, with a line to where it is. */
+/** Draw a slot: a ring, with a line to the control point. */
 function drawSlot(pen, camera, robot, size, unit) {
   const { slot, place } = robot;
   if (!slot || robot.leader) return;
   const [sx, sy] = [camera.sx(slot.x), camera.sy(slot.y)];
   pen.strokeStyle = colour("muted");
   pen.lineWidth = 1.25 * unit;
-  pen.beginPath();
-  pen.arc(sx, sy, Math.max(0.32 * size, 3 * unit), 0, 2 * Math.PI);
-  pen.stroke();
+  circle(pen, sx, sy, Math.max(0.32 * size, 3 * unit));
   if (!place) return;
   const [px, py] = [camera.sx(place.px), camera.sy(place.py)];
   if (Math.hypot(px - sx, py - sy) < VISIBLE * unit) return;
   pen.setLineDash([1 * unit, 3 * unit]);
-  pen.beginPath();
-  pen.moveTo(px, py);
-  pen.lineTo(sx, sy);
-  pen.stroke();
+  line(pen, [px, py], [sx, sy]);
   pen.setLineDash([]);
 }
 
@@ -192,7 +171,7 @@ function drawNames(pen, camera, model, size, unit) {
   }
 }
 
-/** About how far robots are from each other [px], were they spread evenly. */
+/** Approximate distance between robots if they were spread evenly [px]. */
 function spacing(model, camera) {
   const xs = model.robots.filter((robot) => robot.place).map((robot) => robot.place);
   if (xs.length < 2) return Infinity;
@@ -213,12 +192,7 @@ function drawScale(pen, camera, unit) {
   const left = right - step * camera.scale;
   pen.strokeStyle = pen.fillStyle = colour("ink");
   pen.lineWidth = 1.5 * unit;
-  pen.beginPath();
-  pen.moveTo(left, y - 4 * unit);
-  pen.lineTo(left, y);
-  pen.lineTo(right, y);
-  pen.lineTo(right, y - 4 * unit);
-  pen.stroke();
+  line(pen, [left, y - 4 * unit], [left, y], [right, y], [right, y - 4 * unit]);
   pen.font = `${12 * unit}px system-ui, sans-serif`;
   pen.textAlign = "center";
   pen.textBaseline = "bottom";

@@ -1,10 +1,10 @@
-/** The leader driven by hand: a pad that counts while it is held. Let go, and all robots hold. */
+/** Drive the leader by hand with a pad. When it is released, all robots hold. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import { post, randomId } from "./token.js";
 
 const PERIOD = 50; // between two velocities [ms]
-const PATIENCE = 300; // a velocity counts no longer than this after the answer that it returns [ms]
+const PATIENCE = 300; // longest wait for an answer; the leader uses a velocity no longer than that [ms]
 const KEYS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, 1], ArrowRight: [0, -1] };
 
 export class DrivePad {
@@ -46,7 +46,7 @@ export class DrivePad {
 
   move(event) {
     if (this.gripped !== event.pointerId) return;
-    if (!event.buttons) return this.release(); // its release went elsewhere
+    if (!event.buttons) return this.release(); // it was released outside the page
     const box = this.pad.getBoundingClientRect();
     const x = (2 * (event.clientX - box.left)) / box.width - 1;
     const y = (2 * (event.clientY - box.top)) / box.height - 1;
@@ -55,7 +55,7 @@ export class DrivePad {
   }
 
   key(event, down) {
-    if (event.key === "Meta" || event.metaKey) return this.release(); // browsers tell no release beside it
+    if (event.key === "Meta" || event.metaKey) return this.release(); // browsers report no key release beside it
     if (!KEYS[event.key]) return;
     event.preventDefault();
     if (down) this.held.add(event.key);

@@ -1,4 +1,4 @@
-/** What happened, newest first. */
+/** The list of events, newest first. */
 
 import { lines, sum } from "./bursts.js";
 import { byId, make, setHidden } from "./dom.js";
@@ -14,13 +14,13 @@ export class EventList {
     this.list = byId("event-list");
     this.filter = byId("event-filter");
     this.warnings = byId("event-warnings");
-    this.shown = new Map(); // items by what is in them
+    this.shown = new Map(); // items by their events
     this.outdated = false;
     this.filter.addEventListener("input", () => this.show());
     this.warnings.addEventListener("change", () => this.show());
   }
 
-  /** Other events than those so far. */
+  /** Show other events, as after a jump in a replay. */
   rebuild() {
     this.list.replaceChildren();
     this.shown.clear();
@@ -35,7 +35,7 @@ export class EventList {
     if (this.outdated) this.show();
   }
 
-  /** Items that stay are not touched: a screen reader would begin anew. */
+  /** Update the list; items that stay are not touched, or a screen reader would read them again. */
   show() {
     this.outdated = false;
     const wanted = lines(this.model.events.filter((event) => this.matches(event))).slice(0, SHOWN);
@@ -50,7 +50,7 @@ export class EventList {
     setHidden(byId("event-none"), wanted.length > 0);
   }
 
-  /** Numbers with which the lines begin that have been opened. */
+  /** First numbers of the lines that are open. */
   opened() {
     return new Set([...this.list.querySelectorAll("details[open]")].map((one) => one.dataset.first));
   }
@@ -76,7 +76,7 @@ export class EventList {
   }
 }
 
-/** What a line is known by: a burst that grows is another one. */
+/** Key of a line; a burst that grows gets another. */
 function name(events) {
   return `${events[0].n} ${events[events.length - 1].n} ${events.length}`;
 }

@@ -1,11 +1,12 @@
-/** One robot in the top view: a triangle that points where it heads; its form says its state, not only its colour. */
+/** One robot in the top view: a triangle along its heading; form and colour show its state. */
 
 import { colour, robotColour } from "./palette.js";
+import { circle, disc, line } from "./pen.js";
 
 const VISIBLE_ANGLE = 0.09; // [rad]
 const VISIBLE = 4; // [px]
 
-/** Where a robot really is, drawn where that differs from where it thinks it is. */
+/** Draw the true pose, if it differs visibly from the robot's own. */
 export function drawGhost(pen, camera, robot, size, unit) {
   const { place, truth } = robot;
   if (!truth || robot.lost) return;
@@ -57,7 +58,7 @@ function solid(pen, own, unit) {
   pen.stroke();
 }
 
-/** It stands: an outline with a square (stop), two bars (hold) or nothing (waiting, and whatever else). */
+/** A robot that stands: an outline with a square (stop), two bars (hold) or nothing (other states). */
 function hollow(pen, robot, own, x, y, size, unit) {
   const stopped = robot.state === "stop";
   pen.fillStyle = colour("canvas");
@@ -81,21 +82,15 @@ function lost(pen, x, y, size, unit) {
   pen.stroke();
   pen.setLineDash([]);
   pen.lineWidth = 2.25 * unit;
-  pen.beginPath();
-  pen.moveTo(x - size, y - size);
-  pen.lineTo(x + size, y + size);
-  pen.moveTo(x + size, y - size);
-  pen.lineTo(x - size, y + size);
-  pen.stroke();
+  line(pen, [x - size, y - size], [x + size, y + size]);
+  line(pen, [x + size, y - size], [x - size, y + size]);
 }
 
 function ring(pen, x, y, size, robot, model, unit) {
   const chosen = robot.name === model.chosen;
   pen.strokeStyle = colour(chosen ? "accent" : "ink");
   pen.lineWidth = (chosen ? 3 : 1.25) * unit;
-  pen.beginPath();
-  pen.arc(x, y, 1.55 * size, 0, 2 * Math.PI);
-  pen.stroke();
+  circle(pen, x, y, 1.55 * size);
 }
 
 function controlPoint(pen, camera, robot, own, x, y, unit) {
@@ -103,11 +98,6 @@ function controlPoint(pen, camera, robot, own, x, y, unit) {
   if (Math.hypot(px - x, py - y) < VISIBLE) return;
   pen.strokeStyle = pen.fillStyle = own;
   pen.lineWidth = 1.25 * unit;
-  pen.beginPath();
-  pen.moveTo(x, y);
-  pen.lineTo(px, py);
-  pen.stroke();
-  pen.beginPath();
-  pen.arc(px, py, 2.25 * unit, 0, 2 * Math.PI);
-  pen.fill();
+  line(pen, [x, y], [px, py]);
+  disc(pen, px, py, 2.25 * unit);
 }

@@ -1,9 +1,9 @@
-/** The first thing to be read: how the formation stands, whether it is recorded, and whether all this is true now. */
+/** The header: state of the formation, of the recording and of the connection. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
 
-const STALE = 1.5; // from this age on numbers are not called live [s]
+const STALE = 1.5; // age from which on numbers are not called live [s]
 
 export class Header {
   constructor(model, stream) {
@@ -49,18 +49,18 @@ export class Header {
     byId("recording").title = recording?.path ?? "nothing is recorded";
   }
 
-  /** A replay records nothing: what it plays stands there. */
+  /** Show the file that a replay plays. */
   showPlayed(path) {
     setText(byId("recording"), `▶ ${path ? path.split(/[\\/]/).pop() : "a recording"}`);
     setAttribute(byId("recording"), "data-tone", "plain");
     byId("recording").title = path ? `played: ${path}` : "";
   }
 
-  /** Whether what is shown is true now; called by a timer, for silence brings no message. */
+  /** Show whether the data is current. Called by a timer, as missing data causes no message. */
   watch() {
     const { age, open } = this.stream;
     const { replay } = this.model.frame ?? {};
-    const stands = open && (replay?.paused || replay?.finished); // nothing of it gets old
+    const stands = open && (replay?.paused || replay?.finished); // a paused replay does not get old
     const stale = age !== null && age > STALE && !stands;
     if (stale !== this.stale) {
       this.stale = stale;
@@ -86,14 +86,14 @@ export class Header {
   }
 }
 
-/** How the shape is turned and scaled. */
+/** Rotation and scale of the shape. */
 function placedShape({ rotation = 0, scale = 1 }) {
   const turned = rotation ? `${format.number((180 * rotation) / Math.PI, 0)}°` : "";
   const scaled = scale === 1 ? "" : `×${Number(scale.toPrecision(3))}`;
   return [turned, scaled].filter(Boolean).join(" ");
 }
 
-/** Over the edges that are known; `besides` says how many, where not all are. */
+/** The error over the known edges; `besides` gives their number if some are unknown. */
 function error(frame) {
   if (frame.known) return format.length(frame.known[0]);
   return frame.error === null ? "unknown" : format.length(frame.error);
@@ -111,6 +111,6 @@ function settled(frame, bound) {
     return since === null ? `not yet (< ${format.length(bound)})` : `${some} of ${all} since ${since.toFixed(1)} s`;
   }
   if (frame.settled_at === null) return `not yet (< ${format.length(bound)})`;
-  if (frame.error === null) return `was, at ${frame.settled_at.toFixed(1)} s`; // before all fell silent
+  if (frame.error === null) return `was, at ${frame.settled_at.toFixed(1)} s`; // before all robots were silent
   return frame.converged ? `at ${frame.settled_at.toFixed(1)} s` : `since ${frame.settled_at.toFixed(1)} s`;
 }

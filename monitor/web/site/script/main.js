@@ -1,4 +1,4 @@
-/** The page put together: what the stream says goes into the model, and from there to whatever shows it. */
+/** The page: the stream updates the model, and the parts show it. */
 
 import { Candidates } from "./candidates.js";
 import { ErrorChart } from "./chart.js";
@@ -17,7 +17,7 @@ import { RobotTable } from "./table.js";
 import { takeFromAddress } from "./token.js";
 import { TopView } from "./top_view.js";
 
-const TABLE_EVERY = 200; // [ms]: numbers that change more often cannot be read
+const TABLE_EVERY = 200; // [ms]; numbers that change more often cannot be read
 const CHART_EVERY = 500; // [ms]
 const WATCH_EVERY = 100; // [ms]
 const THEMES = ["auto", "light", "dark"];
@@ -65,7 +65,7 @@ const header = new Header(model, stream);
 let requested = false;
 const done = { table: { at: 0, frames: 0 }, chart: { at: 0, frames: 0 } };
 
-/** Show the newest frame with the browser's next picture: what comes faster than it paints is not painted. */
+/** Show the newest frame with the browser's next picture; frames between are not painted. */
 function requestFrame() {
   if (requested) return;
   requested = true;
@@ -75,7 +75,7 @@ function requestFrame() {
   });
 }
 
-/** What changes faster than it can be read is shown less often; `catchUp` shows the last of it. */
+/** Show the newest frame; `catchUp` updates numbers at a rate that can be read. */
 function show(now) {
   view.paint();
   header.update();
@@ -131,7 +131,7 @@ function nextTheme() {
   setTheme(THEMES[(THEMES.indexOf(now) + 1) % THEMES.length]);
 }
 
-/** On a narrow screen one part at a time; on a wide one all are shown and this is unused. */
+/** Show one part of the page; used on narrow screens. */
 function showTab(name) {
   document.body.dataset.tab = name;
   for (const button of document.querySelectorAll("[data-shows]")) {
@@ -151,4 +151,4 @@ setInterval(() => {
   header.watch();
   catchUp(performance.now());
 }, WATCH_EVERY);
-window.formation = { model, stream, view }; // for tests, and for the curious in the browser's console
+window.formation = { model, stream, view }; // for tests and the browser's console

@@ -1,12 +1,12 @@
-/** What the page knows: the newest frame, trails, the error over time, events. Nothing here grows for ever. */
+/** The data of the page, of bounded size: the newest frame, trails, the error over time, events. */
 
 import { Robot } from "./robot.js";
 import { Series } from "./ring.js";
 
-const HISTORY = 2400; // values of the formation error …
-const HISTORY_STEP = 0.24; // … and seconds between two: ten minutes
+const HISTORY = 2400; // values of the formation error: ten minutes
+const HISTORY_STEP = 0.24; // time between two of them [s]
 const EVENTS = 500;
-const REWOUND = 0.5; // a frame that is so much older than the last one comes from a recording wound back [s]
+const REWOUND = 0.5; // a frame older than the last one by this is of a replay that went back [s]
 
 export class Model {
   constructor() {
@@ -15,14 +15,14 @@ export class Model {
     this.robots = [];
     this.edges = [];
     this.error = new Series(HISTORY, HISTORY_STEP);
-    this.known = new Series(HISTORY, HISTORY_STEP); // over the known edges, where not all are
+    this.known = new Series(HISTORY, HISTORY_STEP); // over the known edges, while some are unknown
     this.events = [];
     this.chosen = null; // the robot that the operator looks at
     this.planned = []; // points of a route that is being drawn [m]
     this.frames = 0;
   }
 
-  /** A connection begins: what it says replaces what was known, but not where robots have been. */
+  /** A connection begins: its data replaces all except the trails of the same robots. */
   greet(hello) {
     const same = this.hello && names(this.hello) === names(hello) && this.hello.mission === hello.mission;
     this.hello = hello;
@@ -33,7 +33,7 @@ export class Model {
       this.chosen = null;
       this.frame = null;
     }
-    if (!hello.live) this.robots.forEach((robot) => robot.trail.clear()); // a recording was wound to elsewhere
+    if (!hello.live) this.robots.forEach((robot) => robot.trail.clear()); // the replay jumped
     this.error.clear();
     this.known.clear();
     for (const [time, value] of hello.history) this.push(time, value, null);

@@ -1,11 +1,11 @@
-/** Orders to the fleet, and the robots that acknowledged them. Shown only where the page was started with --control. */
+/** Orders to the fleet, and the robots' answers. Shown only if the monitor runs with --control. */
 
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
 import { forget, keep, post, randomId, token } from "./token.js";
 
-const TWICE = 1000; // Escape twice within so long stops [ms]
-const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
-const PATIENCE = 5000; // an answer of the page's own server takes no longer [ms]
+const TWICE = 1000; // longest time between two presses of Escape that stop [ms]
+const ARMED = 4000; // longest time until the second press of an order that may start robots [ms]
+const PATIENCE = 5000; // longest wait for an answer of the page's own server [ms]
 const RESTS = new Set(["stop", "hold"]);
 
 export class Orders {
@@ -55,7 +55,7 @@ export class Orders {
     this.check();
   }
 
-  /** Is the token right? A monitor that was started anew has another, and a stop is no moment to find out. */
+  /** Check the token before it is needed for a stop: a restarted monitor has another one. */
   async check() {
     const sent = token();
     if (!sent) return;
@@ -66,7 +66,7 @@ export class Orders {
     this.showToken(true);
   }
 
-  /** Escape, twice: stop without a mouse. */
+  /** Escape twice stops. */
   key(event) {
     if (event.key !== "Escape" || event.repeat || !this.allowed) return;
     const now = performance.now();
@@ -74,7 +74,7 @@ export class Orders {
     this.escaped = now - this.escaped < TWICE ? -Infinity : now;
   }
 
-  /** Stop and hold act at once; what sets robots moving asks back, and a double click is no answer to that. */
+  /** Give stop and hold at once; other orders at a second press, which is no double click. */
   press(button, hasty = false) {
     const what = button.dataset.do;
     if (hasty && this.armed === button) return;
@@ -125,7 +125,7 @@ export class Orders {
     else this.acknowledge(turn, what, reply);
   }
 
-  /** Robots without an answer first, then those that refused, with the reason, then those that obeyed, with milliseconds. */
+  /** List robots without an answer, then those that refused with the reason, then those that obeyed with the time. */
   acknowledge(turn, what, { acknowledged, refused, missing, why, advice = [], unreached = [] }) {
     const sound = !refused.length && !missing.length;
     const sum = `${what}: ${acknowledged.length} of ${acknowledged.length + refused.length + missing.length} obey`;
@@ -141,7 +141,7 @@ export class Orders {
     this.result(turn, what, sound ? "good" : "bad", text, items);
   }
 
-  /** What came of an order hides nothing newer; what came of an older stop or hold is shown below that. */
+  /** Show a result; that of an older stop or hold goes below the newer one. */
   result(turn, what, tone, text, items = []) {
     if (turn !== this.turn && !RESTS.has(what)) return;
     if (turn < this.shown) {
@@ -160,7 +160,7 @@ export class Orders {
   }
 }
 
-/** A stop or a hold that does not reach the robot is latched, and the robot is neither stopped nor held by it. */
+/** The agent has latched a stop or a hold, but cannot reach its robot. */
 function verdict(what, one, unreached) {
   if (!unreached.includes(one.robot)) return "REFUSED";
   return what === "stop" ? "NOT STOPPED" : "NOT HELD";

@@ -1,11 +1,11 @@
-/** The style sheet's colours, for what is drawn on canvases. */
+/** The style sheet's colours, for canvases. */
 
 const NAMES = [
   "canvas", "ink", "muted", "grid", "axis", "accent", "robot", "bad", "warn", "good",
   "edge-1", "edge-2", "edge-3", "edge-4",
   "robot-1", "robot-2", "robot-3", "robot-4", "robot-5", "robot-6", "robot-7", "robot-8",
 ];
-const OWN_COLOURS = 8; // up to so many robots each has its own
+const OWN_COLOURS = 8; // largest number of robots with a colour each
 
 let colours = {};
 
@@ -25,13 +25,13 @@ export function colour(name) {
   return colours[name];
 }
 
-/** A robot's own colour while they can be distinguished, else that of all. */
+/** A robot's own colour, or the common one if there are too many. */
 export function robotColour(robot, count) {
   if (robot.leader) return colours.ink;
   return count <= OWN_COLOURS ? colours[`robot-${robot.index}`] ?? colours.robot : colours.robot;
 }
 
-/** Edges by their error [m]: the wider, the worse, so that colour is not needed. */
+/** Colour and width of edges by their error [m]; the width shows it without colour. */
 const EDGE_STEPS = [
   { under: 0.01, colour: "edge-1", width: 1.25 },
   { under: 0.05, colour: "edge-2", width: 2 },

@@ -1,17 +1,17 @@
-/** The bar that moves through a recording: play and pause, speed, and where. */
+/** The controls of a replay: play and pause, speed, position. */
 
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
 
-const LATE = 0.5; // what a replay has taken longer than was asked, from when on it is worth saying [s]
+const LATE = 0.5; // additional playing time from which on it is shown [s]
 
 export class ReplayBar {
   constructor(model) {
     this.model = model;
     this.slider = byId("replay-at");
-    this.held = false; // whether a hand is on the slider
-    this.asked = 0; // requests that are not answered yet
-    this.seeks = 0; // frames that know of fewer seeks show a time from before the last one
+    this.held = false; // whether the slider is being dragged
+    this.asked = 0; // unanswered requests
+    this.seeks = 0; // frames with fewer seeks are from before the last one
     byId("replay-play").addEventListener("click", () => this.toggle());
     byId("replay-speed").addEventListener("change", (event) => this.request("speed", Number(event.target.value)));
     this.slider.addEventListener("input", () => {
@@ -32,7 +32,7 @@ export class ReplayBar {
     return this.now.paused || this.now.finished === true;
   }
 
-  /** A connection begins, perhaps to a replay that was started anew and counts its seeks from 0. */
+  /** A connection begins, perhaps to another replay, which counts its seeks from 0. */
   begin() {
     this.seeks = 0;
   }
@@ -70,7 +70,7 @@ export class ReplayBar {
     this.showTime(now.t - now.start);
   }
 
-  /** One that was asked for on the command line may not be among those offered here. */
+  /** Show the speed; add one that the command line requested and the list lacks. */
   showSpeed(speed) {
     const choice = byId("replay-speed");
     if (document.activeElement === choice || choice.value === String(speed)) return;
@@ -87,7 +87,7 @@ export class ReplayBar {
   }
 }
 
-/** What is not as one would expect, in the words of the terminal. */
+/** Remarks on unexpected states, as in the terminal. */
 function remarks({ start, counted_from: counted, drift, skipped }) {
   const found = [];
   if (counted > start) found.push(`settling, elapsed time and counts since ${format.span(counted - start)} only`);

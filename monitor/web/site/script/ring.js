@@ -1,6 +1,6 @@
-/** Lists that never grow beyond what they were made for. */
+/** Lists of bounded length. */
 
-/** Points in the plane; the oldest give way to the newest. Memory is taken once. */
+/** The newest points of a path, in memory of fixed size. */
 export class Trail {
   constructor(capacity) {
     this.points = new Float32Array(2 * capacity);
@@ -67,7 +67,7 @@ export class Series {
     this.values.splice(0, count);
   }
 
-  /** Forget what is later than `time`: a recording was wound back. */
+  /** Forget what is later than `time`, as when a replay goes back. */
   rewind(time) {
     while (this.last > time) {
       this.times.pop();

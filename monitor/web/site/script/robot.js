@@ -1,11 +1,11 @@
-/** One robot as the newest frame has it, and where it was when last known. */
+/** One robot in the newest frame, and its last known place. */
 
 import { Trail } from "./ring.js";
 
-const LOST = 1.0; // a position older than this is no position [s]
-const POINTS = 900; // of a trail …
-const STEP = 0.03; // … which has one every so many metres
-const FULL = 0.995; // of its limit: the command is saturated
+const LOST = 1.0; // age of a position from which on the robot is lost [s]
+const POINTS = 900; // points of a trail
+const STEP = 0.03; // distance between them [m]
+const FULL = 0.995; // share of the limit from which on a command is saturated
 
 export class Robot {
   constructor(spec, index, columns) {
@@ -28,7 +28,7 @@ export class Robot {
     if (this.trail.from(x, y) > STEP) this.trail.push(x, y);
   }
 
-  /** A figure of the newest frame; null where it is not known now. */
+  /** A value of the newest frame; null if it is unknown. */
   get(column) {
     return this.row[this.columns.get(column)] ?? null;
   }
@@ -45,7 +45,7 @@ export class Robot {
     return this.seen && this.get("age") > LOST;
   }
 
-  /** What it is doing, in one word. */
+  /** Its state in one word. */
   get word() {
     if (this.lost) return "lost";
     return this.state;
@@ -56,12 +56,12 @@ export class Robot {
     return this.lost ? `no position for ${this.get("age").toFixed(1)}\u00a0s` : reason;
   }
 
-  /** It says that it is unavailable: its dependants go on without it. */
+  /** Whether it reports that it is unavailable: its dependants go on without it. */
   get unavailable() {
     return !this.lost && Boolean(this.get("unavailable"));
   }
 
-  /** What is out of the ordinary although it runs. */
+  /** Remark on a robot that runs. */
   get remark() {
     const fallback = this.get("fallback");
     if (this.waits) return `waits for ${this.waits}`;
@@ -76,7 +76,7 @@ export class Robot {
     return x === null || y === null ? null : { x, y };
   }
 
-  /** Where it really is, if that is known (simulated robots). */
+  /** True pose, if known (simulated robots). */
   get truth() {
     const [x, y] = [this.get("true_x"), this.get("true_y")];
     if (x === null || y === null || !this.place) return null;
@@ -98,7 +98,7 @@ export class Robot {
     return { value, share, limit, saturated: share !== null && share >= FULL };
   }
 
-  /** How badly it needs to be looked at: the larger the worse. */
+  /** Urgency for sorting; the largest first. */
   get trouble() {
     if (!this.seen) return 5e3;
     if (this.lost) return 4e3 + Math.min(this.get("age"), 900);

@@ -1,9 +1,9 @@
-/** A route for the leader, tapped on the map: straight on through each point, from where it is. */
+/** A route for the leader through points tapped on the map. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
 
-const MOST = 50; // points of one route
-const SHARE = 0.5; // speed that is proposed, of the slowest robot's limit
+const MOST = 50; // most points of one route
+const SHARE = 0.5; // proposed speed, as a share of the slowest robot's limit
 
 export class RouteOrder {
   constructor(model, view, orders) {

@@ -1,4 +1,4 @@
-/** One robot's row of the table: words, bars against their limits, and its health in percent. */
+/** One robot's row of the table: state, commands with their limits, and health. */
 
 import { make, setAttribute, setText } from "./dom.js";
 import * as format from "./format.js";
@@ -85,7 +85,7 @@ export class Row {
   }
 }
 
-/** A command against its limit, from the middle to the left or right; at the limit it says so in a word. */
+/** A command as a bar from the middle, with a mark at its limit. */
 class Bar {
   constructor(digits) {
     this.digits = digits;

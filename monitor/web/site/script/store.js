@@ -1,4 +1,4 @@
-/** What is remembered: by the browser, or, where that is forbidden, for as long as the page is open. */
+/** Settings in the browser's storage, or, if that is forbidden, in memory. */
 
 const here = new Map();
 

@@ -1,9 +1,9 @@
-/** The line to the monitor. It reconnects after every failure, and knows how long nothing has arrived. */
+/** The connection to the monitor. It reconnects after every failure, and measures the age of data. */
 
-const SILENCE = 6000; // an open line that says nothing for so long is thought to be dead [ms] …
-const LOOK = 500; // … which is looked at so often [ms]
-const AGAIN = 1000; // between two attempts [ms]
-const OLD = 1.5; // a server whose monitor hangs greets with the last frame it was given, so long ago [s]
+const SILENCE = 6000; // time without data after which a connection counts as dead [ms]
+const LOOK = 500; // time between two checks of that [ms]
+const AGAIN = 1000; // time between two attempts [ms]
+const OLD = 1.5; // age of a first frame from which on it is not shown: the monitor hangs [s]
 
 export class Stream {
   /** `handlers` has a function for each kind of event: hello, frame, event; `begin` is called with each connection. */
@@ -13,7 +13,7 @@ export class Stream {
     this.begin = begin;
     this.received = performance.now(); // when anything last came
     this.framed = null; // when a frame last came
-    this.greeted = null; // what time it was there, until the first frame after that [s, the server's clock]
+    this.greeted = null; // time of the greeting, until the first frame after it [s, the server's clock]
     this.dialled = -Infinity;
     this.open = false;
     this.source = null;
@@ -47,13 +47,13 @@ export class Stream {
     if (kind === "frame") {
       const old = this.greeted !== null && this.greeted - data.t > OLD;
       this.greeted = null;
-      if (old) return; // it is not what is now
+      if (old) return; // not current
       this.framed = this.received;
     }
     handle(data);
   }
 
-  /** A browser gives up for good where the server answers wrongly, and waits for ever on a line that was cut. */
+  /** Reconnect where a browser would not: after a wrong answer, and on a connection that was cut. */
   watch() {
     const now = performance.now();
     const closed = this.source.readyState === EventSource.CLOSED;

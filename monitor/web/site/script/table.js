@@ -1,11 +1,11 @@
-/** The robots, a row each. Rows stay the same elements for ever; what changes is their text and their order. */
+/** The robots, a row each. Rows remain the same elements; their text and order change. */
 
 import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import { Row } from "./row.js";
 
-const MANY = 12; // from so many robots on those in trouble come first
-const SORT_EVERY = 2000; // rows that jump about cannot be read [ms] …
-const SORT_NEWS = 500; // … but a robot that was just lost moves at once [ms]
+const MANY = 12; // number of robots above which those in trouble come first
+const SORT_EVERY = 2000; // time between two sorts [ms]
+const SORT_NEWS = 500; // the same after a change of a state [ms]
 const ORDERS = {
   name: (robot) => robot.index,
   state: (robot) => robot.word,
@@ -34,7 +34,7 @@ export class RobotTable {
     this.filter.addEventListener("input", () => this.update({ sort: true }));
   }
 
-  /** A connection began: rows for its robots. */
+  /** Make the rows of a connection's robots. */
   build() {
     const { robots } = this.model;
     if (this.rows.length === robots.length && this.rows.every((row, n) => row.robot === robots[n])) return;
@@ -84,7 +84,7 @@ export class RobotTable {
     for (const row of this.rows) setHidden(row.element, !row.matches(wanted));
   }
 
-  /** How many are in which state, above the table; that in words. */
+  /** Write the number of robots in each state above the table, and return the text. */
   tell() {
     const counts = new Map();
     for (const { robot } of this.rows) counts.set(robot.word, (counts.get(robot.word) ?? 0) + 1);

@@ -1,10 +1,10 @@
-/** The token that allows orders. It is in the address after #, which browsers do not send. */
+/** The token for orders. It is in the address after #, which browsers do not send. */
 
 import { restore, store } from "./store.js";
 
 const KEY = "formation-token";
 
-/** Take the token out of the address bar, so that it is neither seen nor bookmarked; it stays with this tab. */
+/** Move the token from the address bar to this tab's storage, so that it is neither seen nor bookmarked. */
 export function takeFromAddress() {
   const found = new URLSearchParams(location.hash.slice(1)).get("token");
   if (found === null) return;
@@ -25,7 +25,7 @@ export function randomId(bytes) {
   return [...crypto.getRandomValues(new Uint8Array(bytes))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** Send `body` to the page's own server, with the token; it is given up after `patience` [ms]. */
+/** Send `body` to the page's own server, with the token; give up after `patience` [ms]. */
 export function post(path, body, patience) {
   return fetch(path, {
     method: "POST",

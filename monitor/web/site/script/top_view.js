@@ -1,12 +1,12 @@
-/** The top view: the plane from above, moved by mouse, finger and keyboard; it follows the formation unless switched off. */
+/** The top view, moved by mouse, finger and keyboard; it follows the formation unless switched off. */
 
 import { Camera, boxOf } from "./camera.js";
 import { draw } from "./drawing.js";
 
-const STEP = 60; // one press of an arrow [px]
-const NEARER = 1.25; // one press of plus
-const TAP = 6; // a pointer that moved less has tapped [px]
-const REACH = 24; // how near a tap must be [px]
+const STEP = 60; // distance of one press of an arrow [px]
+const NEARER = 1.25; // zoom of one press of plus
+const TAP = 6; // largest motion of a tap [px]
+const REACH = 24; // largest distance of a tap from its robot [px]
 
 export class TopView {
   constructor(model, { canvas, follow, nearer, farther }, choose) {
@@ -19,7 +19,7 @@ export class TopView {
     this.pointers = new Map();
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.requested = false;
-    this.onPlace = null; // takes the place [m] that is tapped, instead of choosing a robot
+    this.onPlace = null; // called with a tapped place [m], instead of choosing a robot
     this.listen(nearer, farther);
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.resize();
@@ -77,7 +77,7 @@ export class TopView {
     this.pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY, moved: 0 });
   }
 
-  /** One pointer moves the plane, two also spread it. */
+  /** Pan with one pointer, zoom with two. */
   move(event) {
     const one = this.pointers.get(event.pointerId);
     if (!one) return;
@@ -128,7 +128,7 @@ export class TopView {
     this.draw();
   }
 
-  /** Draw with the browser's next picture, however often it is asked for. */
+  /** Draw once with the browser's next picture. */
   draw() {
     if (this.requested) return;
     this.requested = true;
@@ -142,7 +142,7 @@ export class TopView {
     const unit = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
     if (!this.model.frame) return;
     const side = Math.min(56 * unit, 0.14 * this.camera.width);
-    const room = { side, top: 62 * unit, bottom: 46 * unit }; // for the buttons above, for names and the scale below
+    const room = { side, top: 62 * unit, bottom: 46 * unit }; // buttons above, names and scale below
     this.camera.follow(boxOf(this.model.robots), room, this.still.matches);
     draw(this.pen, this.camera, this.model, unit);
   }
