@@ -50,7 +50,7 @@ VERBS = {
     "run": Verb({}, "drive; ends the hold in force, but not a stop"),
     "shape": Verb({"shape": "NAME"}, "take another of the mission's shapes"),
     "rotate": Verb({"degrees": "DEG"}, "turn the shape, counter-clockwise from how it is drawn"),
-    "scale": Verb({"factor": "S"}, "make the shape so many times as large as it is drawn"),
+    "scale": Verb({"factor": "S"}, "scale the shape by this factor, from how it is drawn"),
     "speed": Verb(
         {"speed": "V", "degrees": "HEADING"}, "straight on from here, V m/s, towards HEADING degrees"
     ),
@@ -182,7 +182,7 @@ def add_request_flags(options: argparse.ArgumentParser) -> None:
         type=number(0.0, 600.0, open_below=True),
         default=3.0,
         metavar="S",
-        help="wait so long for answers (default 3)",
+        help="longest wait for answers [s] (default 3)",
     )
     add_json(options)
     add_links(options)

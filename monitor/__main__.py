@@ -267,7 +267,9 @@ def _flags() -> argparse.ArgumentParser:
         "--ros", metavar="ENDPOINT", help="ROS 2 bridge or router to publish them to, as a client"
     )
     ros.add_argument(
-        "--ros-names", choices=get_args(Ros), help="how it spells topics (default: as the mission's robots)"
+        "--ros-names",
+        choices=get_args(Ros),
+        help="how topics are spelled there (default: as the mission's robots)",
     )
     ros.add_argument(
         "--ros-domain", metavar="N", type=_domain, help="ROS domain (default: as the mission's robots)"

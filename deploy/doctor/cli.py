@@ -126,10 +126,10 @@ def _robot_of(version: Path, mission: Mission) -> str:
         data: Any = json.loads(version.read_text(encoding="utf-8"))
         robot = str(data["robot"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise Refusal(f"{version} does not say which robot this is: say --robot NAME") from None
+        raise Refusal(f"{version} does not say which robot this is: give --robot NAME") from None
     if robot in mission.candidates:
         raise Refusal(
-            f"this is the {role(mission, robot)}'s machine: say MISSION, and -c with the operator's"
+            f"this is the {role(mission, robot)}'s machine: give MISSION, and -c with the operator's"
             " configuration"
         )
     return robot
@@ -213,7 +213,7 @@ def _options() -> argparse.ArgumentParser:
         help="examine these, made by `formation deploy certificates`",
     )
     options.add_argument(
-        "--seconds", metavar="S", type=number(0.5, 600.0), default=3.0, help="listen so long (default 3)"
+        "--seconds", metavar="S", type=number(0.5, 600.0), default=3.0, help="time to listen [s] (default 3)"
     )
     options.add_argument(
         "--robot-connect", metavar="ENDPOINT",

@@ -42,7 +42,7 @@ def _link(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             "cmd-vel-type",
             f"{node.name} takes {_short(node.type)} on cmd_vel, but is sent {_short(_wanted(facts))}",
-            f'say cmd_vel = "{kind}" for {facts.robot} in the mission'
+            f'set cmd_vel = "{kind}" for {facts.robot} in the mission'
             if kind
             else "cmd_vel must be of type Twist or TwistStamped",
         )
@@ -204,7 +204,7 @@ def _frame(facts: Facts, stream: Stream) -> Iterator[Finding]:
         yield Finding(
             "odometry-frame",
             "odometry counts in its own frame odom, but the mission takes it for the world's",
-            f'say odometry_frame = "start" in [robots.{facts.robot}], and switch it on at its start',
+            f'set odometry_frame = "start" in [robots.{facts.robot}], and switch it on at its start',
         )
 
 

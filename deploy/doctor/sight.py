@@ -61,7 +61,7 @@ def _sweep(robot: str, scan: ScanSpec, scans: tuple[ScanMessage, ...], stream: S
         yield Finding(
             "scan-sweep",
             f"its range scans state a sweep of {used:.3g} s, and come every {period:.3g} s",
-            f"say in the mission which scanner {robot} has, or how it sweeps: `model` or `sweep` of `scan`",
+            f"set the scanner of {robot} in the mission: `model` or `sweep` of `scan`",
         )
     else:
         yield Finding(
@@ -99,7 +99,7 @@ def _sight(facts: Facts) -> Iterator[Finding]:
     names = ", ".join(landmarks)
     contradicted = status.reason.code is Code.SIGHT_CONTRADICTED
     if set(landmarks) <= set(status.sight_lost):
-        goes = "and stands" if status.sight is Sight.SEARCHING else "and goes by its odometry"
+        goes = "and it stands" if status.sight is Sight.SEARCHING else "and it uses odometry"
         ages = [status.sight_age[name] for name in landmarks if name in status.sight_age]
         since = f" for {min(ages):.0f} s" if ages else ""
         yield Finding(
@@ -124,7 +124,7 @@ def _sight_seen(facts: Facts) -> str:
     if status is None or (status.sight is None and landmarks):
         return ""
     if not landmarks:
-        seen = ["goes by its odometry: no neighbour corrects it"] if _must_see(facts) else []
+        seen = ["uses odometry: no neighbour corrects it"] if _must_see(facts) else []
     else:
         seen = [f"{status.sight}: {_each(status, landmarks)}"] if status.sight is not None else []
     if facts.seen_by:

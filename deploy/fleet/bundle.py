@@ -359,13 +359,16 @@ def _options() -> argparse.ArgumentParser:
         help="what `formation deploy certificates` made",
     )  # fmt: skip
     options.add_argument(
-        "--platform", choices=PLATFORMS, default=PLATFORMS[0], help="of the robots (default %(default)s)"
+        "--platform",
+        choices=PLATFORMS,
+        default=PLATFORMS[0],
+        help="the robots' platform (default %(default)s)",
     )
     options.add_argument(
         "--python",
         choices=PYTHONS,
         default="3.12",
-        help="of the robots (default %(default)s, Ubuntu 24.04's)",
+        help="the robots' Python (default %(default)s, Ubuntu 24.04's)",
     )
     options.add_argument(
         "--no-wheels", action="store_true", help="robots fetch packages themselves, so they need internet"

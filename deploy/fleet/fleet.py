@@ -93,7 +93,9 @@ class Fleet(NamedTuple):
 def add_no_restart(options: argparse.ArgumentParser) -> None:
     """Add --no-restart, for the commands that change what runs."""
     options.add_argument(
-        "--no-restart", action="store_true", help="what runs goes on until it is started anew by hand"
+        "--no-restart",
+        action="store_true",
+        help="leave running processes as they are until they are restarted by hand",
     )
 
 

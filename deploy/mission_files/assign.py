@@ -348,7 +348,7 @@ def _out(options: argparse.Namespace) -> Path | None:
         raise Refusal(f"{options.mission} is a folder of bundles: name the file that they are made from")
     elif is_shipped(file_of(options.mission)):
         raise Refusal(
-            f"{options.mission} is shipped, and stays as it is: --out FILE for one of your own, or --dry-run"
+            f"{options.mission} is shipped, and is not changed: --out FILE for one of your own, or --dry-run"
         )
     return options.out or Path(options.mission)
 
@@ -385,6 +385,6 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument("--dry-run", action="store_true", help="only show what would change")
     add_out(options, "write there, and leave MISSION as it is")
-    options.add_argument("--force", action="store_true", help="write over an --out that is there")
+    options.add_argument("--force", action="store_true", help="overwrite an existing --out")
     add_json(options)
     return options

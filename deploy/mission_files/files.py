@@ -76,9 +76,9 @@ def check_out(out: Path, *, force: bool) -> None:
     """Make the folder of a mission file to write; raise Refusal for a path that cannot be one."""
     check_file("--out", out, ".toml")
     if is_shipped(out):
-        raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
+        raise Refusal(f"--out {out}: is shipped, and is not changed; name another file")
     if out.exists() and not force:
-        raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
+        raise Refusal(f"--out {out}: exists already; name another file, or overwrite it with --force")
 
 
 def is_shipped(mission: Path) -> bool:

@@ -326,6 +326,6 @@ def _options() -> argparse.ArgumentParser:
         "than the graph needs (`formation check` counts them)",
     )
     add_out(options, "file to write (default SHAPE_N.toml, here)")
-    options.add_argument("--force", action="store_true", help="write over a file that is there")
+    options.add_argument("--force", action="store_true", help="overwrite an existing file")
     add_json(options)
     return options

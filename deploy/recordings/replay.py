@@ -226,10 +226,18 @@ def _options() -> argparse.ArgumentParser:
         help=f"{MIN_SPEED:g} to {MAX_SPEED:g} (default 1)",
     )  # fmt: skip
     options.add_argument(
-        "--start", type=number(0.0), default=0.0, metavar="S", help="begin so far into the recording [s]"
+        "--start",
+        type=number(0.0),
+        default=0.0,
+        metavar="S",
+        help="where to begin, from the recording's start [s]",
     )
     options.add_argument(
-        "--until", type=number(0.0), default=math.inf, metavar="S", help="end so far into the recording [s]"
+        "--until",
+        type=number(0.0),
+        default=math.inf,
+        metavar="S",
+        help="where to end, from the recording's start [s]",
     )
     options.add_argument("--paused", action="store_true", help="wait at the beginning until played")
     options.add_argument("--loop", action="store_true", help="begin again at the end, for ever")

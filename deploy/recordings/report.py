@@ -97,7 +97,7 @@ def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
             raise Refusal(f"--out {path}: is the recording itself; name another file")
         check_file("--out", path, ".html")
         if path.exists() and not _is_report(path):
-            raise Refusal(f"--out {path}: is there already, and is no report; name another file")
+            raise Refusal(f"--out {path}: exists already, and is no report; name another file")
     return path
 
 
@@ -166,7 +166,7 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument(
         "--format", type=_formats, metavar="F,...",
-        help="of these figures: png, svg, pdf (default png,svg)",
+        help="formats of the figures: png, svg, pdf (default png,svg)",
     )  # fmt: skip
     options.add_argument(
         "--until", type=number(0.0, open_below=True), metavar="S",

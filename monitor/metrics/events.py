@@ -190,7 +190,7 @@ class _Robot:
             yield Event(now.wall, level, self.name, state, text + more)
         more = self._deadlocks.report(str(robot.deadlocks), now.mono)
         if more is not None and robot.deadlocks:
-            text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more}"
+            text = f"resolves a deadlock by another way ({robot.deadlocks} so far){more}"
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
     def _sight(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
@@ -321,7 +321,7 @@ class _Leading:
             if self._agreed:
                 yield Event(now.wall, INFO, leader, "leader", "leads")
         elif lead.name == lead.before:
-            text = f"leads anew, after {lead.silent:.1f} s without a leader"
+            text = f"leads again, after {lead.silent:.1f} s without a leader"
             yield Event(now.wall, WARNING, leader, "leader", text)
         else:
             text = f"leads from here on, {lead.before} was silent for {lead.silent:.1f} s"

@@ -55,11 +55,11 @@ def add_rotation_flags(to: argparse.ArgumentParser) -> None:
     group = to.add_argument_group("long recordings (NAME.mcap, NAME-2.mcap, …, each complete in itself)")
     group.add_argument(
         "--rotate-size", metavar="SIZE", type=of_size, default=ROTATION.size,
-        help=f"go on in another file after so much, such as 500MB, or {OFF} (default: 2GB)",
+        help=f"size at which another file begins, such as 500MB, or {OFF} (default: 2GB)",
     )  # fmt: skip
     group.add_argument(
         "--rotate-time", metavar="TIME", type=of_time, default=ROTATION.time,
-        help=f"go on in another file after so long, such as 90s, 30min, 2h, or {OFF} (default: {OFF})",
+        help=f"time after which another file begins, such as 90s, 30min, 2h, or {OFF} (default: {OFF})",
     )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ ANSWERS = (
     " it, as recorded: the way to the agent, its thinking, and the way to the recorder. Clocks"
     " as above."
 )
-ORDERS = "With another shape or route settling begins anew: the settling time counts from the newest."
+ORDERS = "With another shape or route settling begins again: the settling time counts from the newest."
 LEADERS = (
     "By the terms of the orders and the publisher ids, as they arrived; whether two led at once is"
     " judged by the leaders' own stamps."
@@ -230,7 +230,7 @@ def activities(run: Run) -> Table:
     heads = (
         "robot", "ran", "held", "stopped", "waited", "lost", "unavailable", "avoiding",
         "blocked", "deadlocks", "with fallback neighbours", "without sight", "odometry off by",
-        "started anew",
+        "restarted",
     )  # fmt: skip
     rows = []
     for name, one in run.activities.items():

@@ -195,7 +195,7 @@ def test_doctor_reports_wrong_cmd_vel_type_with_remedy(tmp_path: Path, ros: str)
         assert there.code == 1
         assert there.findings["robot1"] == ["agent-silent", "cmd-vel-type"], there.text
         assert "takes Twist on cmd_vel, but is sent TwistStamped" in there.one_line
-        assert 'say cmd_vel = "twist" for robot1 in the mission' in there.one_line
+        assert 'set cmd_vel = "twist" for robot1 in the mission' in there.one_line
 
 
 def test_doctor_reports_missing_router_as_only_finding(tmp_path: Path) -> None:

@@ -283,7 +283,7 @@ def test_shipped_mission_is_never_overwritten(
     Path("now.json").write_text('{"robot2": [-2, -1]}', encoding="utf-8")
     text = Path("link.toml").read_bytes()
     err = refused(capsys, command.format(here=Path.cwd().name).split())
-    assert "is shipped, and stays as it is" in err
+    assert "is shipped, and is not changed" in err
     assert Path("link.toml").read_bytes() == text
 
 

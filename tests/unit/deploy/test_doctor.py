@@ -339,8 +339,8 @@ def test_doctor_refuses_illegal_arguments_with_reason(words: list[str], why: str
     ("mission", "robot", "why"),
     [
         ("turtlebot3_pair", "robot1", "zenoh.json5 is missing: install this robot's bundle again"),
-        ("patrol", "leader", "this is the leader's machine: say MISSION"),
-        ("patrol", "deputy", "this is the standby's machine: say MISSION"),
+        ("patrol", "leader", "this is the leader's machine: give MISSION"),
+        ("patrol", "deputy", "this is the standby's machine: give MISSION"),
     ],
 )
 def test_doctor_refuses_unsuitable_installation_with_reason(

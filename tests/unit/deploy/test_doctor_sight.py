@@ -98,17 +98,17 @@ def test_single_unseen_neighbour_is_reported_without_finding() -> None:
 def test_robot_without_landmarks_needs_no_sight() -> None:
     assert not {"scanner", "sight"} & seen(HEALTHY).keys()
     anchor = replace(WELL, robot="robot2", newest_status=sees(robot="robot2", sight=None))
-    assert seen(anchor)["sight"] == "goes by its odometry: no neighbour corrects it"
+    assert seen(anchor)["sight"] == "uses odometry: no neighbour corrects it"
 
 
 PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
     "no neighbour seen yet": ({"newest_status": blind()}, "sight-none",
-        "its scanner has seen none of robot2, robot3, and stands", "on its start pose, to 5 cm and 3°"),
+        "its scanner has seen none of robot2, robot3, and it stands", "on its start pose, to 5 cm and 3°"),
     "neighbours elsewhere": ({"newest_status": blind(reason=CONTRADICTED)}, "sight-none",
-        "its scanner has seen none of robot2, robot3, and stands", "put it and its neighbours on"),
+        "its scanner has seen none of robot2, robot3, and it stands", "put it and its neighbours on"),
     "reckoning": (
         {"newest_status": blind(sight=Sight.RECKONING, sight_age={"robot2": 14.0, "robot3": 9.1})},
-        "sight-none", "none of robot2, robot3 for 9 s, and goes by its odometry", "at one height",
+        "sight-none", "none of robot2, robot3 for 9 s, and it uses odometry", "at one height",
     ),
     "not locked yet": (
         {"newest_status": blind(sight_age={"robot2": 0.1}, sight_deviation={"robot2": 0.02},

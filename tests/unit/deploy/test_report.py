@@ -86,7 +86,7 @@ def test_cut_recording_is_reported_as_cut(
         (["{run}", "-o", "{text}/page.html"], "text.txt is a file, and no folder"),
         (["{run}", "-o", "{mission}"], "wedge_5.toml: must end in .html"),
         (["{run}", "-o", "{text}"], "text.txt: must end in .html"),
-        (["{run}", "-o", "{other}"], "home.html: is there already, and is no report; name another file"),
+        (["{run}", "-o", "{other}"], "home.html: exists already, and is no report; name another file"),
         (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
         (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "text.txt is a file, and no folder"),
         (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),

@@ -331,7 +331,7 @@ STATUSES: list[tuple[str, str, list[dict[str, Any]], list[tuple[int, str]]]] = [
     ("robot4", "stuck", [{"motion": MotionFault.FROZEN}, {}],
      [(30, "does not move as commanded"), (20, "moves again")]),
     ("robot4", "deadlock", [{"deadlocks": count} for count in (0, 1, 1, 2, 0)],
-     [(20, f"kept from moving, it goes another way ({count} so far)") for count in (1, 2)]),
+     [(20, f"resolves a deadlock by another way ({count} so far)") for count in (1, 2)]),
     ("robot2", "runs", [{"reason": "fine", "readonly": True}], [(20, "read only: fine")]),
     ("robot4", "sight drift", [SEES, SEES, LOST, LOST, SEES],
      [(20, "sees its neighbours: robot2 to 6 mm"), (30, "sees no neighbour, goes on by odometry"),
