@@ -25,7 +25,7 @@ from formation.deploy.arguments import (
     tell,
     whole,
 )
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refused
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar, waiting, warn_if_slow
 from formation.deploy.terminal.units import metres
@@ -70,10 +70,8 @@ def main(arguments: Sequence[str]) -> int:
     except MemoryError:
         raise Refusal(f"--runs {options.runs}: more than fits into memory; take fewer") from None
     if options.plot is not None and result.history is not None:
-        try:
+        with refused(f"--plot {options.plot}"):
             draw(result.history, options.plot)
-        except OSError as error:
-            raise Refusal(f"--plot {options.plot}: {error.strerror}") from None
     drawn = options.runs > 1 or options.spread is not None
     text = words(mission, options.seed if drawn else None, result)
     figure = "" if options.plot is None else f"\n  figure           {options.plot}"

@@ -208,11 +208,10 @@ class Watch:
 
     def _record(self, samples: Sequence[Sample], now: Now) -> None:
         ahead = now.wall - now.mono
-        if self._recorder is not None:
-            for sample in samples:
+        for sample in samples:
+            if self._recorder is not None:
                 self._recorder.write(sample, sample.arrived + ahead)
-        if self._export is not None:
-            for sample in samples:
+            if self._export is not None:
                 self._export(sample, sample.arrived + ahead)
 
     def _drain(self) -> Pauses:

@@ -14,7 +14,7 @@ from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
 from formation.agent.verify.replica import Comparison, PublishedCommand
 from formation.control.laws import LAWS
 from formation.deploy.arguments import add_json, number, parser, read_mission, tell
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import refused, refusing
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse
 from formation.mission.model import Mission
@@ -81,13 +81,8 @@ class Ran(NamedTuple):
 def main(arguments: Sequence[str]) -> int:
     """Verify a recording; return the exit code."""
     options = _options().parse_args(arguments)
-    try:
-        recording = read(options.file)
-        ran = run(recording, options.mission, options.law, options.tolerance)
-    except UnreadableError as error:
-        raise Refusal(str(error)) from None
-    except OSError as error:
-        raise Refusal(f"{options.file}: cannot be read: {error.strerror}") from None
+    with refusing(UnreadableError), refused(f"{options.file}: cannot be read"):
+        ran = run(read(options.file), options.mission, options.law, options.tolerance)
     tell(options, "\n".join(words(ran, options.min_compared)), lambda: report(ran))
     if not ran.compared:
         return 2

@@ -16,7 +16,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from formation.deploy.terminal.units import metres
-from formation.deploy.terminal.views import Redrawn
+from formation.deploy.terminal.views import Printed, Redrawn
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import counted
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
@@ -49,17 +49,10 @@ class Bar(Redrawn):
         self.redraw(draw(state, look(), self.console.size.width, ascii_only=self.ascii_only))
 
 
-class Lines:
+class Lines(Printed):
     """A line every two seconds."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._due = -math.inf
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
+    _due = -math.inf
 
     def show(self, state: ReplayState, look: Look) -> None:
         """Write the state, at most every two seconds; `look` gives the metrics."""
@@ -67,7 +60,7 @@ class Lines:
         if now < self._due or state.seeking:
             return
         self._due = now + PLAIN_PERIOD
-        print(line(state, look()), file=self._stream, flush=True)
+        self.say(line(state, look()))
 
 
 class Keys:

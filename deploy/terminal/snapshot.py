@@ -90,6 +90,9 @@ class Snapshot(NamedTuple):
         )
 
 
+NOTHING_KNOWN = Snapshot(math.nan, {})
+
+
 @dataclass(slots=True)
 class Progress:
     """The run so far."""
@@ -134,7 +137,7 @@ class Progress:
 
     def lose_sight(self) -> None:
         """Forget the current values after the monitor's end, so that old ones are not shown as current."""
-        self.snapshot = Snapshot(math.nan, {})
+        self.snapshot = NOTHING_KNOWN
 
 
 def _placed_shape(event: Mapping[str, Any]) -> str:

@@ -53,53 +53,61 @@ class LiveTable(Redrawn):
         self.redraw(draw(progress, size.width, size.height, ascii_only=self.ascii_only))
 
 
-class PlainLines:
-    """A line every two seconds, and one for each event."""
+class Printed:
+    """Plain lines where nothing can be redrawn; a context manager, as `Redrawn` is."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._last = 0.0
-        self._shown: set[str] = set()
-        self._phase = ""
-        self._note = ""
-        self._event: Event | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None: ...
 
+    def say(self, text: str) -> None:
+        """Print a line."""
+        print(text, file=self._stream, flush=True)
+
+
+class PlainLines(Printed):
+    """A line every two seconds, and one for each event."""
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream)
+        self._last = 0.0
+        self._shown: set[str] = set()
+        self._phase = ""
+        self._note = ""
+        self._event: Event | None = None
+
     def show(self, progress: Progress) -> None:
         """Write the news."""
         for name, how in progress.dead.items():
             if name not in self._shown:
                 self._shown.add(name)
-                self._say(f"{name} {how}")
+                self.say(f"{name} {how}")
         changed, self._phase = progress.phase != self._phase, progress.phase
         if changed and progress.phase == "running":
             self._last = time.monotonic()  # nothing to show yet
         elif changed:
-            self._say(
+            self.say(
                 f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
                 if progress.phase == "starting"
                 else f"{progress.phase} after {progress.elapsed:.1f} s"
             )
         if progress.phase == "running" and time.monotonic() - self._last >= LINE_PERIOD:
             self._last = time.monotonic()
-            self._say(line(progress))
+            self.say(line(progress))
         if progress.snapshot is None and progress.note != self._note:
             self._note = progress.note
-            self._say(f"{progress.mission.name}: {self._note}")
+            self.say(f"{progress.mission.name}: {self._note}")
         self._tell_events(progress)
 
     def _tell_events(self, progress: Progress) -> None:
         news = takewhile(lambda event: event is not self._event, reversed(progress.events))
         for event in list(news)[::-1]:
-            self._say(happened(event))
+            self.say(happened(event))
             self._event = event
-
-    def _say(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
 
 
 View = LiveTable | PlainLines

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import tempfile
@@ -16,7 +15,7 @@ from typing import Any
 from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.plan import Program, leaders, programs
 from formation.deploy.local.ports import Ports
-from formation.deploy.terminal.snapshot import RobotNow, Snapshot
+from formation.deploy.terminal.snapshot import NOTHING_KNOWN, RobotNow, Snapshot
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.deploy.testing.relays import HOST, Relays
 from formation.monitor.metrics.event import Event
@@ -32,7 +31,6 @@ ORDER_TIMEOUT_SECONDS = 5.0
 """Wait for the answers to an order [s]."""
 PAUSE = 0.1
 """Longest wait for one message of the processes [s]."""
-NOTHING_KNOWN = Snapshot(math.nan, {})
 
 
 class ProcessFleet(DrivenFleet):

@@ -124,7 +124,7 @@ class Metrics:
         errors = self._compare(now)[1]
         start, until = self._settling.start, max(one.place.feed.accepted for one in self._robots.values())
         ordered, lead = self.orders.newest, self.orders.lead
-        leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
+        leads = lead.name if lead and self._leader.place.feed.fresh(now.mono) else None
         says = self._candidates[leads].state(now) if leads else None
         newest = self._candidates[leads].newest(now) if leads else None
         own: dict[str, list[float | None]] = {}
@@ -173,7 +173,7 @@ class Metrics:
         From the robots' own positions, or `truly`: from ground truth. Changes nothing.
         """
         tracked = {name: robot.truth if truly else robot.place for name, robot in self._robots.items()}
-        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        fresh = [name for name, one in tracked.items() if one.feed.fresh(now.mono)]
         moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
         places = {name: tracked[name].trajectory.at(moment) for name in fresh}
         return moment, {name: place for name, place in places.items() if place is not None}

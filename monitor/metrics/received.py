@@ -90,10 +90,6 @@ class Tracked(NamedTuple):
     feed: Feed
     trajectory: Trajectory
 
-    def fresh(self, mono: float) -> bool:
-        """Return whether the newest position is fresh."""
-        return self.feed.fresh(mono)
-
 
 class Received:
     """The messages of one process: those of a standby, or of a robot with its agent."""
@@ -214,7 +210,9 @@ class ReceivedOfRobot(Received):
         return status if isinstance(status, AgentStatus) else None
 
     def _heading_error(self, now: Now) -> float | None:
-        if self.truth is self.place or not (self.place.fresh(now.mono) and self.truth.fresh(now.mono)):
+        if self.truth is self.place or not (
+            self.place.feed.fresh(now.mono) and self.truth.feed.fresh(now.mono)
+        ):
             return None
         moment = min(self.place.trajectory.latest, self.truth.trajectory.latest)
         estimated, true = self.place.trajectory.at(moment), self.truth.trajectory.at(moment)
