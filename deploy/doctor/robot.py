@@ -78,8 +78,7 @@ def _link(facts: Facts) -> Iterator[Finding]:
 
 def _router_unit(facts: Facts) -> str:
     """Return the usual unit of the robot's bridge or router."""
-    robot = facts.mission.robots.get(facts.robot)
-    return BRIDGES["ros2dds" if robot is None else robot.ros].removesuffix(".service")
+    return BRIDGES[facts.mission.robots[facts.robot].ros].removesuffix(".service")
 
 
 def _link_seen(facts: Facts) -> str:

@@ -38,7 +38,7 @@ class View:
     @classmethod
     def of(cls, runs: Sequence[Run], until: float | None = None) -> View:
         """Return the axes that show the relevant part of all `runs`; `until` [s] overrides their end."""
-        last = max((_until(run) for run in runs), default=0.0) if until is None else until
+        last = max(map(_until, runs)) if until is None else until
         specs = [run.mission.robots[name] for run in runs for name in run.mission.followers]
         return cls(
             until=max(last, 0.1),
@@ -61,7 +61,7 @@ def _until(run: Run) -> float:
 
 
 def _error_range(runs: Sequence[Run], until: float) -> tuple[float, float]:
-    values = np.concatenate([np.empty(0), *(run.formation.until(until)[:, 0] for run in runs)])
+    values = np.concatenate([run.formation.until(until)[:, 0] for run in runs])
     values = values[np.isfinite(values) & (values > 0.0)]
     return (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
 
