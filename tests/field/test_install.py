@@ -218,7 +218,7 @@ def edited(one: Path) -> None:
         file.write("# faster\n")
 
 
-PARTS = (bundle.VERSION, "mission.toml", "certificates/key.pem")
+PARTS = (VERSION, "mission.toml", "certificates/key.pem")
 
 
 @pytest.mark.parametrize(
