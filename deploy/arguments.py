@@ -24,13 +24,7 @@ from formation.transport.runtime.flags import add_zenoh
 
 def parser(command: str, summary: str, examples: str) -> argparse.ArgumentParser:
     """Return a parser for `formation COMMAND`."""
-    return Parser(
-        prog=f"formation {command}",
-        description=summary,
-        epilog=f"examples:\n{examples}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    return Parser(f"formation {command}", summary, examples)
 
 
 def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law: bool = True) -> None:

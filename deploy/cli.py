@@ -178,8 +178,9 @@ def _leave(code: int) -> None:
 def deploy(arguments: Sequence[str]) -> int:
     """Run one step of `formation deploy`; return the exit code."""
     steps = "\n".join(f"  {name:<14}{step.summary}" for name, step in STEPS.items())
+    usage = "formation deploy [-h] COMMAND ..."
     what = f"Install a mission on robots, one command after the other.\n\n{steps}"
-    return _dispatch(_parser("formation deploy", "[-h]", what, DEPLOY_EXAMPLES), STEPS, arguments)
+    return _dispatch(Parser("formation deploy", what, DEPLOY_EXAMPLES, usage), STEPS, arguments)
 
 
 def _formation(arguments: Sequence[str]) -> int:
@@ -188,20 +189,9 @@ def _formation(arguments: Sequence[str]) -> int:
         named = [f"  {name:<10}{one.summary}" for name, one in COMMANDS.items() if one.group == group]
         overview += "\n".join(["", "", f"{group}:", *named])
     what = "Decentralised formation control of unicycle robots, one agent process per robot." + overview
-    parser = _parser("formation", "[-h] [--version]", what, EXAMPLES)
+    parser = Parser("formation", what, EXAMPLES, "formation [-h] [--version] COMMAND ...")
     parser.add_argument("--version", action="version", version=f"formation {version('zenoh-formation')}")
     return _dispatch(parser, COMMANDS, arguments)
-
-
-def _parser(prog: str, flags: str, what: str, examples: str) -> Parser:
-    return Parser(
-        prog=prog,
-        usage=f"{prog} {flags} COMMAND ...",
-        description=what,
-        epilog=f"examples:\n{examples}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
 
 
 def _dispatch(parser: Parser, commands: Mapping[str, Command], arguments: Sequence[str]) -> int:

@@ -158,7 +158,8 @@ def thinned(points: Sequence[complex], tolerance: float) -> list[complex]:
         chord, way = whole[last] - whole[first], whole[first + 1 : last] - whole[first]
         part = np.clip((way * chord.conjugate()).real / max(abs(chord) ** 2, 1e-12), 0.0, 1.0)
         off = np.abs(way - part * chord)
-        if (farthest := int(np.argmax(off))) >= 0 and off[farthest] > tolerance:
+        farthest = int(np.argmax(off))
+        if off[farthest] > tolerance:
             middle = first + 1 + farthest
             kept.add(middle)
             open_parts += [(first, middle), (middle, last)]

@@ -17,7 +17,6 @@ from formation.deploy.refusal import Refusal
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.monitor.metrics.keys import watched
-from formation.monitor.web.address import Bind
 from formation.topics import BALLOT, GROUND_TRUTH, ORDER, POSITION, ROUTE, STATUS
 from formation.transport.wiring import called, members, named, partners
 
@@ -60,7 +59,8 @@ class Host(NamedTuple):
     @property
     def endpoint(self) -> str:
         """The endpoint in Zenoh's notation."""
-        return f"{PROTOCOL}/{Bind(self.address, self.port)}"
+        bracketed = f"[{self.address}]" if ":" in self.address else self.address
+        return f"{PROTOCOL}/{bracketed}:{self.port}"
 
 
 def hosts(mission: Mission) -> Mapping[str, Host]:

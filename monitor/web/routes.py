@@ -178,7 +178,9 @@ class Orders:
         It is refused while `most` are under way.
         """
         if self._under_way[threads] >= most:
-            raise HTTPException(429, f"{most} like this are under way; try again", {"retry-after": "1"})
+            raise HTTPException(
+                429, f"{most} are under way, the most at once; try again", {"retry-after": "1"}
+            )
         self._under_way[threads] += 1
         try:
             answer = await asyncio.get_running_loop().run_in_executor(threads, order)

@@ -45,8 +45,16 @@ class Once(argparse.Action):
 class Parser(argparse.ArgumentParser):
     """Reports invalid arguments in the common style: in one line, with exit code 2."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def __init__(self, prog: str, what: str, examples: str, usage: str | None = None) -> None:
+        """`what` the command does, and its `examples`, are printed unchanged in its help."""
+        super().__init__(
+            prog=prog,
+            usage=usage,
+            description=what,
+            epilog=f"examples:\n{examples}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
         self.given: set[argparse.Action] = set()
         """Flags with one value that have been read."""
         for name in (None, "store"):

@@ -25,13 +25,7 @@ def parser(command: str, what: str, examples: str, *, fleet: bool = True) -> arg
 
     Without `fleet` it is for a process that has no links with the fleet, and so none with a monitor.
     """
-    flags = Parser(
-        prog=f"formation {command}",
-        description=what,
-        epilog=f"examples:\n{examples}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    flags = Parser(f"formation {command}", what, examples)
     flags.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
     if fleet:
         links = flags.add_argument_group(

@@ -127,7 +127,7 @@ def test_seed_of_simulated_robots_is_a_whole_number(capsys: Capsys) -> None:
 
 
 def test_parser_can_be_used_twice() -> None:
-    parser = Parser()
+    parser = Parser("formation", "", "")
     parser.add_argument("--robot")
     for robot in ("robot2", "robot3"):
         assert parser.parse_args(["--robot", robot]).robot == robot

@@ -139,7 +139,7 @@ def test_exit_is_the_first_sample_outside(
 
 
 def test_long_path_off_the_bounds_is_not_looked_at_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The leader sends no position meanwhile: 0.1 s for 300 points on a desktop computer."""
+    """The leader sends no position meanwhile."""
     points = tuple((0.01 * number, 0.2 * (number % 2)) for number in range(1, 300))
     inside = Route([Waypoints(waypoints=points, speed=0.5)], 0j)
     outside = Route([Waypoints(waypoints=(*points, (30.0, 0.0)), speed=0.5)], 0j)
