@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Page
 
 from tests.processes.page.scene import Scene
-from tests.support.served import Served, served, until, watched
+from tests.support.child import PATIENCE
+from tests.support.served import Served, drawn, served, until, watched
 
 pytestmark = pytest.mark.browser
 ROW = '[data-robot="{}"]'
@@ -30,7 +32,7 @@ def still() -> Iterator[Served]:
 
 def test_tap_selects_robot_and_drag_ends_following(browser: Browser, still: Served) -> None:
     with watched(browser, still.address) as page:
-        until(page, "formation.view.camera.placed")
+        _wait_until_laid_out(page)
         x, y = page.evaluate(
             "((c, r) => [c.sx(r.place.x), c.sy(r.place.y)])(formation.view.camera, formation.model.robots[1])"
         )
@@ -52,7 +54,7 @@ def test_tap_selects_robot_and_drag_ends_following(browser: Browser, still: Serv
 def test_keys_move_map_and_restore_following(browser: Browser, still: Served) -> None:
     where = "[formation.view.camera.x, formation.view.camera.y, formation.view.camera.scale]"
     with watched(browser, still.address) as page:
-        until(page, "formation.view.camera.placed")
+        _wait_until_laid_out(page)
         page.focus("#map")
         start = page.evaluate(where)
         page.keyboard.press("ArrowLeft")
@@ -69,7 +71,7 @@ def test_keys_move_map_and_restore_following(browser: Browser, still: Served) ->
 def test_two_fingers_zoom_map_and_one_moves_it(browser: Browser, still: Served) -> None:
     scale, where = "formation.view.camera.scale", "formation.view.camera.x"
     with watched(browser, still.address, viewport={"width": 390, "height": 844}, has_touch=True) as page:
-        until(page, "formation.view.camera.placed")
+        _wait_until_laid_out(page)
         box = page.locator("#map").bounding_box()
         assert box is not None
         hand = page.context.new_cdp_session(page)
@@ -100,6 +102,17 @@ def test_reduced_motion_centres_map_without_animation(browser: Browser) -> None:
         one.feed()
         until(page, "formation.model.frames >= 2")
         _wait_until_centred(page)
+
+
+def _wait_until_laid_out(page: Page) -> None:
+    """Wait until ten pictures show the map alike: what the first frame writes above it changes its height."""
+    seen: list[object] = []
+    deadline = time.monotonic() + PATIENCE
+    while len(seen) < 10 or any(one != seen[-1] for one in seen[-10:]):
+        assert time.monotonic() < deadline, f"the map still moves: {seen[-1:]}"
+        drawn(page)
+        camera = page.evaluate("((c) => c.placed && [c.x, c.y, c.scale, c.height])(formation.view.camera)")
+        seen = [*seen, camera] if camera else []
 
 
 def _wait_until_centred(page: Page) -> None:
