@@ -346,7 +346,9 @@ class Agent:
         if wanted is not None:
             self.here.joins(wanted)
         probes = self.state.decision.probes
-        if not (probes or self.state.decision.state is AgentState.RUN) or wanted is None:
+        retries = self._retries_law(now)
+        drives = retries or probes or self.state.decision.state is AgentState.RUN
+        if not drives or wanted is None:
             self.state.finite = True
             self.avoiding.rested()
             self._probe.interrupt()
@@ -369,7 +371,7 @@ class Agent:
             before, inputs._replace(sight=sight), [*robots, *strangers], self._params
         )
         self.state.finite = outcome.finite
-        if not outcome.finite:
+        if retries or not outcome.finite:
             return self._not_finite(now)
         self.state.availability.error = abs(error(heading, what)) / what.count
         if not self.readonly:  # the integral of a robot that does not move would only grow
@@ -403,8 +405,14 @@ class Agent:
         self.state.rest_due = float("-inf")  # a later stop takes effect at once
         return self._commanded(self.commander.say(now, outcome.command, state), now)
 
+    def _retries_law(self, now: Now) -> bool:
+        """Whether only the law's last result, which was not finite, keeps the robot from driving."""
+        if self.state.finite:
+            return False
+        return failsafe.decide(facts(self, now)._replace(finite=True)).state is AgentState.RUN
+
     def _not_finite(self, now: Now) -> list[Outgoing]:
-        """Send zero velocity, because the law's command or integral is not finite."""
+        """Send zero velocity: the law's command or integral is not finite, or was not in the last step."""
         self.state.decision, self.state.integral = self._decide(now), 0j
         return self._at_rest(now)
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
+from formation.agent import core
 from formation.agent.core import Agent
-from formation.control.unicycle import advance
+from formation.control.laws import LAWS
+from formation.control.unicycle import Command, advance
 from formation.mission.file import load
 from formation.protocol import json_message
 from formation.protocol.attachment import PositionAttachment
 from formation.protocol.order import Order
+from formation.protocol.reasons import Code
 from formation.protocol.request import OperatorReply
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
@@ -30,6 +35,10 @@ ME, NEIGHBOURS = "robot3", ("robot1", "robot2")
 
 def moment(step: int) -> Now:
     return at(step * PERIOD)
+
+
+def between(step: int) -> Now:
+    return at((step + 0.5) * PERIOD)
 
 
 def relayed(step: int, shape: str = "hexagon") -> bytes:
@@ -56,6 +65,28 @@ def under_way() -> Agent:
     for step in range(4):
         agent.step(moment(step), inbox(step))
     return agent
+
+
+def test_robot_holds_as_long_as_law_is_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    good = LAWS["field"]
+    broken = [False]
+
+    def step(*values: Any) -> tuple[Command, complex]:
+        return (Command(math.nan, 0.0), 0j) if broken[0] else good.step(*values)
+
+    monkeypatch.setattr(core, "LAWS", {**LAWS, "field": good._replace(step=step)})
+    agent = under_way()
+    assert agent.decision.state is AgentState.RUN
+    broken[0] = True
+    for count in range(4, 12):
+        sent = [*commands(agent.step(moment(count), inbox(count))), *commands(agent.step(between(count), []))]
+        assert {(one.speed, one.turn_rate) for one in sent} <= {(0.0, 0.0)}
+        assert agent.decision.reason.code is Code.COMMAND_NOT_FINITE
+    broken[0] = False
+    for count in range(12, 14):
+        agent.step(moment(count), inbox(count))
+    assert agent.decision.state is AgentState.RUN
+    assert agent.command.speed != 0.0
 
 
 def commands(outbox: list[Outgoing]) -> list[Twist]:
