@@ -32,6 +32,7 @@ from formation.control.avoidance import (
     free_behind,
 )
 from formation.control.controller import Gains, Limits, Measured, Step
+from formation.control.plane import clip
 from formation.control.quantiser import Quantiser, quantise
 from formation.control.ramp import STARTING, Ramp, RampLimits, ramped
 from formation.control.unicycle import AT_REST, Command
@@ -129,7 +130,7 @@ def limits_among(obstacles: Sequence[Obstacle], params: ControlParams) -> Limits
 def law_command(
     state: ControlState, inputs: Inputs, params: ControlParams, limits: Limits
 ) -> tuple[Command, complex, bool]:
-    """The law's own command within `limits`, its integral, and whether these are finite."""
+    """The law's own command, cut to `limits`, its integral, and whether the law gave finite numbers."""
     wanted, integral = params.law(
         state.integral, inputs.heading, inputs.measured, inputs.gains, limits, inputs.dt
     )
@@ -139,7 +140,8 @@ def law_command(
         and math.isfinite(integral.real)
         and math.isfinite(integral.imag)
     )
-    return wanted, integral, finite
+    within = Command(clip(wanted.speed, limits.max_speed), clip(wanted.turn_rate, limits.max_turn_rate))
+    return within, integral, finite
 
 
 def constrained(

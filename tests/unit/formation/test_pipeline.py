@@ -54,6 +54,19 @@ def test_commands_are_ramped_only_if_law_has_ramp(
         assert outcome.command == outcome.target
 
 
+@pytest.mark.parametrize("ramp", [0.0, SPEC.ramp])
+def test_command_of_law_is_cut_to_limits(ramp: float) -> None:
+    unlimited = LAWS["proportional"]._replace(
+        step=lambda integral, *_: (Command(-30.0, 500.0), integral), ramp=ramp > 0.0
+    )
+    params, state = SIX.control("robot2", unlimited), stepped(AT_REST)
+    for step in range(1, 20):
+        state, outcome = control_step(state, inputs(1.0 + step * PERIOD, GOES), (), params)
+        assert abs(outcome.command.speed) <= SPEC.max_speed
+        assert abs(outcome.command.turn_rate) <= SPEC.max_turn_rate
+    assert outcome.command == (-SPEC.max_speed, SPEC.max_turn_rate)
+
+
 @every_law
 def test_obstacle_slows_robot_only_if_law_has_filter(law: Controller) -> None:
     params = SIX.control("robot2", law)
