@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import math
+import sys
+from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, nominal
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, by_name
 from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, stoppable_turn, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
@@ -24,6 +27,25 @@ limits = st.builds(Limits, lengths, lengths, lengths, st.floats(0.1, 100.0), st.
 parameters = st.builds(Gains, gains, gains)
 WIDE = Limits(0.1, 1e9, 1e9)
 STEPS = {name: one.step for name, one in LAWS.items()}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({}, "mine.py: must define CONTROLLER"),
+        ({"CONTROLLER": field}, "mine.py: must define CONTROLLER"),
+        (
+            {"CONTROLLER": LAWS["field"]},
+            "mine.py: CONTROLLER: formation.control.laws.field has the name 'field' too",
+        ),
+    ],
+    ids=["none", "function", "name of another"],
+)
+def test_module_without_law_of_its_own_is_refused(content: dict[str, Any], message: str) -> None:
+    module = ModuleType("mine")
+    module.__dict__.update(content, __file__="mine.py")
+    with pytest.raises(ImportError, match=message):
+        by_name([sys.modules[field.__module__], module])
 
 
 def sums(edges: Edges, velocity: complex = 0j) -> Measured:
