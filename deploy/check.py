@@ -7,8 +7,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from formation.deploy.arguments import add_json, add_mission, parser, read_mission, tell
+from formation.deploy.refusal import refusing
 from formation.deploy.terminal.bar import waiting, warn_if_slow
 from formation.mission.model import Mission
+from formation.simulation.compiled import LawError
 from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse
 from formation.stability.certificate import Certificate, worst_curve
@@ -31,7 +33,8 @@ def main(arguments: Sequence[str]) -> int:
     options = flags.parse_args(arguments)
     mission = read_mission(options.mission, options.law)
     warn_if_slow()
-    with waiting("checking; with many robots, and the first time, this takes ten seconds and more"):
+    text = "checking; with many robots, and the first time, this takes ten seconds and more"
+    with waiting(text), refusing(LawError):
         found = analyse(mission)
     result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission), "links": links(mission)}
     tell(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})

@@ -9,14 +9,40 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from types import CodeType, FunctionType
 from typing import Any, TypeVar
 
 AVAILABLE = importlib.util.find_spec("numba") is not None
 """Whether a compiler is installed."""
+MAX_CAUSE_LETTERS = 300
+"""Length of a compiler's message that is passed on."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class LawError(ValueError):
+    """A law cannot be compiled; the text names the law, the line and the cause."""
+
+
+@contextmanager
+def naming_law(name: str) -> Iterator[None]:
+    """Turn numba's refusal to compile the functions of the law `name` into a LawError of one line."""
+    try:
+        yield
+    except Exception as error:
+        if not type(error).__module__.startswith("numba."):
+            raise
+        lines = str(error).splitlines()
+        cause = next((one for one in lines if one.strip() and not one.startswith("Failed in")), "")
+        places = (re.search(r'(\w+\.py)", line (\d+)', one) for one in lines)
+        place = next((f"{one[1]} line {one[2]}" for one in places if one), "unknown line")
+        raise LawError(
+            f"the law {name!r} cannot be compiled: {place}: {cause.strip()[:MAX_CAUSE_LETTERS]}; a law takes"
+            " six arguments, computes with numbers only, and always returns a Command and the integral"
+        ) from None
 
 
 def compiled(function: _Function, **instead: Callable[..., Any]) -> _Function:

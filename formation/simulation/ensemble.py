@@ -26,7 +26,7 @@ from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation import closed_loop as loop
 from formation.simulation.body import Body
-from formation.simulation.compiled import AVAILABLE, compiled
+from formation.simulation.compiled import AVAILABLE, compiled, naming_law
 from formation.simulation.edges import Edges
 from formation.simulation.neighbours import TRACK, avoided_in, avoided_of
 from formation.slots.shape import PlacedShape
@@ -186,6 +186,7 @@ class Ensemble:
         if observer.start is not None:
             centres: Any = self.followers["odometry"]
             self.followers["estimate"] = observer.start(centres, law.observer_gain)
+        self._law = controller.name
         self._run_on = compiled(loop.run_on, law=controller.step, observe=observer.step)
         self._all_run_on = compiled(loop.all_run_on, law=controller.step, observe=observer.step)
         self.error: FloatArray = self._error_now()
@@ -210,11 +211,12 @@ class Ensemble:
         ordered = velocities(self.route, self._times(steps))
         self.steps += steps
         if AVAILABLE:
-            self._all_run_on(
-                begin, leader, ordered, self._world, self.robots, self._edges, self.followers, self._tracks,
-                self._published, self._draw, self.errors, self.last_out, self.error, self.nearest,
-                self._avoided,
-            )  # fmt: skip
+            with naming_law(self._law):
+                self._all_run_on(
+                    begin, leader, ordered, self._world, self.robots, self._edges, self.followers,
+                    self._tracks, self._published, self._draw, self.errors, self.last_out, self.error,
+                    self.nearest, self._avoided,
+                )  # fmt: skip
             return
         robots, edges = self.robots.view(np.recarray), self._edges.view(np.recarray)
         followers, tracks = self.followers.view(np.recarray), self._tracks.view(np.recarray)

@@ -79,7 +79,7 @@ def analyse(mission: Mission) -> Analysis:
     if not faults:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, _forward(mission), mean=controller.mean)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
-    settling = settling_time(mission)
+    settling, finite = _settling(mission)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     warnings += landmarks.warnings(mission)
     problems = [*faults, *sampling, *feasibility.problems(mission)]
@@ -93,7 +93,11 @@ def analyse(mission: Mission) -> Analysis:
         ]
     else:
         warnings += crowding.unfiltered(mission)
-    if settling is None:
+    if not finite:
+        problems.append(
+            f"law.kind = {law!r}: simulated, it gives a command or an integral that is not finite"
+        )
+    elif settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")
     return Analysis(
@@ -143,11 +147,16 @@ def _forward(mission: Mission) -> float | None:
 
 
 def settling_time(mission: Mission) -> float | None:
+    """Settling time from the mission's own starts, of `_settling` [s]; None if not within the horizon."""
+    return _settling(mission)[0]
+
+
+def _settling(mission: Mission) -> tuple[float | None, bool]:
     """Settling time from the mission's own starts [s], by the closed loop at the robots' period.
 
     It includes all that delays settling: the distance to a moving slot at top speed, headings that are not
     known yet, the integral accumulated meanwhile, and corners of the route. None if not within the
-    horizon.
+    horizon. With it, whether the formation error stayed finite.
     """
     period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
     step = min(period, 0.2, mission.simulation.horizon)
@@ -157,8 +166,8 @@ def settling_time(mission: Mission) -> float | None:
     for horizon in (min(route.last_change + 30.0, longest), longest):
         result = simulate(mission, step=step, horizon=max(horizon, step), starts="mission")
         if result.converged[0]:
-            return float(result.settling_time[0])
-    return None
+            return float(result.settling_time[0]), True
+    return None, math.isfinite(result.final_error[0])
 
 
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:

@@ -7,9 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from formation.control.laws import LAWS
+from formation.control.unicycle import Command
 from formation.mission.file import load, shipped
 from formation.mission.graph import Graph, cyclic_core
 from formation.mission.model import Mission
+from formation.simulation import simulate as simulation
+from formation.simulation.compiled import AVAILABLE, LawError
 from formation.simulation.edges import Edges
 from formation.simulation.simulate import simulate
 from formation.stability import feasibility, landmarks, spectrum
@@ -310,3 +314,28 @@ def test_landmarks_form_no_cycle(name: str) -> None:
         ready = [one for one in left if set(mission.landmarks_of(one)) <= done]
         assert ready
         done.update(ready)
+
+
+def _not_finite(integral: complex, *_: Any) -> tuple[Command, complex]:
+    return Command(math.nan, 0.0), integral
+
+
+def _no_numbers(integral: complex, *_: Any) -> tuple[Command, complex]:
+    return Command(float(json.dumps(1.0)), 0.0), integral
+
+
+def test_law_that_is_not_finite_is_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation, "LAWS", {"field": LAWS["field"]._replace(step=_not_finite)})
+    found = analyse(load("six_robots"))
+    assert found.problems == (
+        "law.kind = 'field': simulated, it gives a command or an integral that is not finite",
+    )
+
+
+@pytest.mark.skipif(not AVAILABLE, reason="nothing compiles")
+def test_law_that_cannot_be_compiled_is_named_with_its_line() -> None:
+    law = LAWS["proportional"]._replace(name="mine", step=_no_numbers)
+    with pytest.raises(
+        LawError, match=r"the law 'mine' cannot be compiled: test_analysis.py line \d+: .*dumps"
+    ):
+        simulate(load("six_robots"), law=law, horizon=0.1)
