@@ -105,7 +105,7 @@ SCAN = Topic(
 RELATIVE = Topic(
     "relative", "{robot}/relative/{other}", "geometry_msgs/msg/PointStamped", "sensor on the robot",
     "its agent (optional)", "sensor", REAL_TIME,  # as odometry, which would otherwise overtake it
-    "locally measured displacement to the other's control point, body frame", "robot", agent_input=True,
+    "displacement from the robot's control point to the other's, body frame", "robot", agent_input=True,
 )  # fmt: skip
 POSE = Topic(
     "pose", "{robot}/pose", "geometry_msgs/msg/PoseStamped", "localisation", "its agent (optional)", "sensor",

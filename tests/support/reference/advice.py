@@ -6,7 +6,10 @@ from collections.abc import Mapping
 
 from formation.protocol.reasons import Code
 
-SENSORS = "Check wheels, motors and the source of the position; the robot probes and goes on by itself."
+SENSORS = (
+    "Check wheels, motors, the source of the position, and whether `cmd_vel` names the message type that the"
+    " robot takes; the robot probes and goes on by itself."
+)
 HAND = "Put the robot down and leave it alone; check that the source tracks this robot. It goes on by itself."
 WAIT = "Nothing; this is normal at the start. If it stays,"
 MISSIONS = (
@@ -31,7 +34,7 @@ ADVICE: Mapping[Code, str] = {
     Code.LEADER_LOST: "Check the leader's process and the network. It goes on when orders come again.",
     Code.STOPPED_BY_LEADER: "`formation order MISSION release`, then `run`.",
     Code.HELD_BY_LEADER: "`formation order MISSION run`; if the leader refuses, read its reason.",
-    Code.COMMAND_NOT_FINITE: "Report it as a defect, with the recording.",
+    Code.COMMAND_NOT_FINITE: "Correct a law of your own; else report it as a defect, with the recording.",
     Code.NO_LINK: "Start the robot's bridge or router; check `robot_endpoint`.",
     Code.NO_LISTENER: "Restart the robot's bring-up together with its bridge or router.",
     Code.SECOND_AGENT: "End one of the two agents.",
@@ -60,7 +63,7 @@ ADVICE: Mapping[Code, str] = {
     " are swapped. Then `hold`, and `run`.",
     Code.PATH_MIRRORED: "Check that the frame of the poses is right-handed, that the marker is this robot's,"
     " and that no motors are swapped. Then `hold`, and `run`.",
-    Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check the rate of the position.",
+    Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check that the position comes at `rate`.",
     Code.NO_SCAN: f"{WAIT} check the scanner's driver.",
     Code.SCAN_SILENT: "Check the scanner and its driver.",
     Code.SCAN_LATE: f"{CLOCKS} Check the load of the scanner's driver.",

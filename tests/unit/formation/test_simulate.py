@@ -207,7 +207,7 @@ def test_error_stays_below_bound_after_settling_time() -> None:
     ("wrong", "output"),
     [
         ({"runs": 0}, "runs = 0: must be at least 1"),
-        ({"law": "fast"}, "must be one of field, paper, proportional"),
+        ({"law": "fast"}, f"must be one of {', '.join(LAWS)}"),
         ({"step": 0.5}, "step = 0.5: must be above 0 and at most 0.2"),
         ({"horizon": math.inf}, "horizon = inf: must be finite"),
         ({"spread": math.nan}, "spread = nan: must be finite"),
