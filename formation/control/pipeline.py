@@ -130,7 +130,7 @@ def limits_among(obstacles: Sequence[Obstacle], params: ControlParams) -> Limits
 def law_command(
     state: ControlState, inputs: Inputs, params: ControlParams, limits: Limits
 ) -> tuple[Command, complex, bool]:
-    """The law's own command, cut to `limits`, its integral, and whether the law gave finite numbers."""
+    """The law's own command, its integral, and whether both are finite; a finite command is cut to `limits`."""
     wanted, integral = params.law(
         state.integral, inputs.heading, inputs.measured, inputs.gains, limits, inputs.dt
     )
@@ -140,8 +140,9 @@ def law_command(
         and math.isfinite(integral.real)
         and math.isfinite(integral.imag)
     )
-    within = Command(clip(wanted.speed, limits.max_speed), clip(wanted.turn_rate, limits.max_turn_rate))
-    return within, integral, finite
+    if finite:
+        wanted = Command(clip(wanted.speed, limits.max_speed), clip(wanted.turn_rate, limits.max_turn_rate))
+    return wanted, integral, finite
 
 
 def constrained(
