@@ -130,7 +130,7 @@ def limits_among(obstacles: Sequence[Obstacle], params: ControlParams) -> Limits
 def law_command(
     state: ControlState, inputs: Inputs, params: ControlParams, limits: Limits
 ) -> tuple[Command, complex, bool]:
-    """The law's own command, its integral, and whether both are finite; a finite command is cut to `limits`."""
+    """The law's own command, its integral, and whether both are finite; the command is cut to `limits`."""
     wanted, integral = params.law(
         state.integral, inputs.heading, inputs.measured, inputs.gains, limits, inputs.dt
     )
