@@ -63,16 +63,13 @@ MIN_PROGRESS_SHARE, LONG_PROGRESS_TIME = 0.1, 4.0
 about this time [s]: noise of positions, or late braking, keeps it in motion, though it trails another."""
 PROGRESS_TIME = 1.0
 """Time over which progress is averaged at a standing obstacle, where a robot may go to and fro [s]."""
-DEADLOCK_DELAY, DETOUR_TIME = 0.5, 1.5
+DEADLOCK_DELAY, DETOUR_TIME = 0.5, 2.5
 """Time after which a blocked robot is in a deadlock, and length of its detour [s]."""
 DETOUR_ANGLE, DETOUR_DISTANCE, MIN_DETOUR_COSINE, MAX_DETOUR_TIME = 1.8, 0.5, -0.2, 10.0
 """A detour round a standing obstacle: angle to it [rad], distance within which it counts [m], cosine
 between it and the wanted direction below which the detour ends, and longest duration [s]."""
-MAX_DETOUR_REPEATS, FORGETTING_TIME = 3.0, 6.0
-"""Most repetitions by which a detour gets longer, and free time after which one of them is forgotten [s]."""
-TO_THE_RIGHT, REPEATED = rotation(-1.2), 1.0
-"""Rotation of the wanted velocity; a robot blocked more often than this in a row turns left every other
-time, because a robot that follows it may keep to its right."""
+TO_THE_RIGHT = rotation(-1.2)
+"""Rotation of the wanted velocity during a detour: the same for all robots, or two would turn to one side."""
 
 
 class Obstacle(NamedTuple):
@@ -321,8 +318,6 @@ class Avoidance(NamedTuple):
     """Number of deadlocks."""
     went: complex = 0j
     """Mean recent velocity of its control point [m/s; body frame]."""
-    again: float = 0.0
-    """Number of times that it was blocked in a row."""
     side: float = 0.0
     """Side on which it passes a standing obstacle: 1 left, -1 right, 0 if it does not."""
     slow: float = 0.0
@@ -345,25 +340,18 @@ def avoid(
     them is blocked, too.
     """
     if len(obstacles) == 0:
-        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0j, before.again, 0.0, 0.0)
+        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0j, 0.0, 0.0)
     want = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
     near, ahead = _standing(obstacles, parameters, want)
     side = before.side if ahead > MIN_DETOUR_COSINE else 0.0  # once it is behind, the detour ends
     detour = before.detour if side == before.side else 0.0
-    before = Avoidance(before.kept, detour, before.deadlocks, before.went, before.again, side, before.slow)
+    before = Avoidance(before.kept, detour, before.deadlocks, before.went, side, before.slow)
     aim = wanted
     if detour > 0.0:
-        turned = near * rotation(side * DETOUR_ANGLE) * abs(want) if side != 0.0 else _aside(before) * want
+        turned = near * rotation(side * DETOUR_ANGLE) * abs(want) if side != 0.0 else TO_THE_RIGHT * want
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
     done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters, moving)
     return done, _updated(want, done, near, along, limits, before, dt)
-
-
-def _aside(state: Avoidance) -> complex:
-    """Rotation of the wanted velocity during a detour [–]."""
-    if state.again > REPEATED and state.deadlocks % 2 == 1:
-        return TO_THE_RIGHT.conjugate()
-    return TO_THE_RIGHT
 
 
 def _standing(
@@ -396,7 +384,7 @@ def _updated(
     slow = before.slow + min(1.0, dt / LONG_PROGRESS_TIME) * (slow - before.slow)
     detour = max(0.0, before.detour - dt)
     if before.detour > 0.0 and before.side == 0.0:
-        return Avoidance(0.0, detour, before.deadlocks, went, before.again, 0.0, slow)
+        return Avoidance(0.0, detour, before.deadlocks, went, 0.0, slow)
     side = before.side if detour > 0.0 else 0.0
     does = abs(went)
     if near != 0j:
@@ -406,16 +394,11 @@ def _updated(
         if limits.max_speed - slow < MIN_PROGRESS_SHARE * limits.max_speed:
             does = 0.0
     if does >= MAX_BLOCKED_SHARE * limits.max_speed or wants <= MIN_WANTED_SHARE * limits.max_speed:
-        again = before.again
-        if near != 0j or slow < (1.0 - MIN_PROGRESS_SHARE) * limits.max_speed:
-            again = max(0.0, again - dt / FORGETTING_TIME)
-        return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, again, side, slow)
+        return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, side, slow)
     if before.kept + dt <= DEADLOCK_DELAY:
-        return Avoidance(before.kept + dt, detour, before.deadlocks, went, before.again, side, slow)
-    again = min(MAX_DETOUR_REPEATS, before.again + 1.0)
+        return Avoidance(before.kept + dt, detour, before.deadlocks, went, side, slow)
     if near != 0j:
         left = near.real * want.imag - near.imag * want.real >= 0.0
         other = -side if side != 0.0 else (1.0 if left else -1.0)
-        return Avoidance(0.0, MAX_DETOUR_TIME, before.deadlocks + 1, went, again, other, slow)
-    detour = DETOUR_TIME * (1.0 + before.again)
-    return Avoidance(0.0, detour, before.deadlocks + 1, went, again, 0.0, slow)
+        return Avoidance(0.0, MAX_DETOUR_TIME, before.deadlocks + 1, went, other, slow)
+    return Avoidance(0.0, DETOUR_TIME, before.deadlocks + 1, went, 0.0, slow)

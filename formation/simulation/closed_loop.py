@@ -177,7 +177,7 @@ def state_of(me: Any) -> ControlState:
     """State of the control pipeline of one robot."""
     return ControlState(
         me.integral,
-        Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow),
+        Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.side, me.slow),
         Ramp(Command(me.ramped_speed, me.ramped_turn_rate), me.commanded, me.gentle_until),
         Command(me.owed_speed, me.owed_turn_rate),
     )
@@ -223,7 +223,7 @@ def decide(
         state = at_rest(state, now)
     me.integral = state.integral
     if count > 0:  # otherwise the filter has no memory
-        me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow = state.avoidance
+        me.kept, me.detour, me.deadlocks, me.went, me.side, me.slow = state.avoidance
     me.ramped_speed, me.ramped_turn_rate = state.ramp.before
     me.commanded, me.gentle_until = state.ramp.moment, state.ramp.gentle_until
     me.owed_speed, me.owed_turn_rate = state.remainder

@@ -64,7 +64,7 @@ FOLLOWER = np.dtype(
         ("ramped_speed", "f8"), ("ramped_turn_rate", "f8"), ("commanded", "f8"), ("gentle_until", "f8"),
         ("drift", "c16"),
         ("course", "c16"), ("travelled", "f8"), ("kept", "f8"), ("detour", "f8"),
-        ("deadlocks", "i8"), ("went", "c16"), ("again", "f8"), ("side", "f8"), ("slow", "f8"),
+        ("deadlocks", "i8"), ("went", "c16"), ("side", "f8"), ("slow", "f8"),
     ],
     align=True,
 )  # fmt: skip

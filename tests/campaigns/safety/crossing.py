@@ -15,6 +15,7 @@ from formation.control.plane import rotation
 from formation.control.unicycle import Command
 from formation.mission.file import load
 from formation.mission.model import Mission
+from formation.simulation.body import Body
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import Result, simulate
@@ -102,6 +103,8 @@ until the end, for ten seconds at least."""
 ROBOTS = (6, 12, 25)
 RUNS = 1000  # starts of each kind
 LASTS: dict[str, Any] = {"step": 0.05, "horizon": 60.0}  # [s]
+ON_CIRCLE, DELAYS, NOISE, OPPOSITE_RUNS = (4, 6, 8, 12), (0.0, 0.1, 0.2), 0.002, 100  # [s], [m]
+OPPOSITE_LASTS: dict[str, Any] = {"step": 0.05, "horizon": 90.0, "starts": "mission"}  # [s]
 SPREAD, STREWN = 3.0, 0.2  # of starts at random, and of starts in somebody else's slot, to either side [m]
 CONVERGED, SLOWER, MICROSECONDS = 0.995, 1.5, 100.0  # the bars
 HEADER = (
@@ -115,11 +118,13 @@ def run(options: Options) -> Found:
     runs = 20 if options.quick else RUNS
     found = [{"robots": robots, **random(robots, runs)} for robots in ROBOTS]
     permuted = [{"robots": robots, **exchanged(robots, runs)} for robots in ROBOTS]
+    circles = [opposite(robots, 2 if options.quick else OPPOSITE_RUNS) for robots in ON_CIRCLE]
     step = measured(1 if options.quick else 10)
-    return {"random": found, "permuted": permuted, "step": step, "bars": bars(found, step)}
+    parts = {"random": found, "permuted": permuted, "opposite": circles, "step": step}
+    return {**parts, "bars": bars(found, circles, step)}
 
 
-def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
+def bars(random: Sequence[Found], circles: Sequence[Found], step: Found) -> list[dict[str, Any]]:
     touched = sum(one["with"]["touched"] for one in random)
     into = [one["with"]["converged_fraction"] for one in random]
     slower = [one["ratio"] for one in random]
@@ -135,6 +140,11 @@ def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
             not touched,
         ),
         bar("at least 99.5 % come into formation", shares, min(into) >= CONVERGED),
+        bar(
+            f"all on a circle arrive opposite, {', '.join(str(one['robots']) for one in circles)} robots",
+            f"{sum(one['left'] for one in circles)} runs do not",
+            not any(one["left"] for one in circles),
+        ),
         bar("median settling time at most 1.5× of without", ratios, max(slower) <= SLOWER),
         bar("a step of the filter under 100 µs with four neighbours", span(whole, 0, " µs"), quick),
     ]
@@ -149,6 +159,15 @@ def section(found: Found) -> str:
             f"at random, within ± {STREWN:g} m, where all have to pass each other in little room.",
         ),
         table(HEADER, map(_row, found["permuted"])),
+        filled(
+            "Hardest: robots of 1 m/s on a circle start opposite to their slots, so that all meet in",
+            f"the middle at the same time, with {1e3 * NOISE:g} mm of noise and positions of others that",
+            f"are late by {', '.join(f'{one:g}' for one in DELAYS)} s; {OPPOSITE_LASTS['horizon']:g} s.",
+        ),
+        table(
+            "robots | runs | nearest bodies | not in formation | slowest settling time | deadlocks",
+            map(_circle_row, found["opposite"]),
+        ),
         filled(
             "CPU time of one step in plain Python, as agents run it, medians of rounds, in brackets the",
             "lowest and the highest: `avoid` among four that come nearer from all sides; and positions,",
@@ -173,6 +192,32 @@ def _row(one: Found) -> str:
         f"{one['robots']} | {on['runs']} | {touched} | {100 * on['nearest']:.1f} cm | {into} | "
         f"{off['settling']:.2f} s, {on['settling']:.2f} s | {one['ratio']:.2f}× | {on['deadlocks']}"
     )
+
+
+def _circle_row(one: Found) -> str:
+    return (
+        f"{one['robots']} | {one['runs']} | {100 * one['nearest']:.1f} cm | {one['left']} | "
+        f"{one['slowest']:.1f} s | {one['deadlocks']}"
+    )
+
+
+def opposite(robots: int, runs: int) -> Found:
+    """Robots that start opposite to their slots on a circle, for each of DELAYS."""
+    mission = scenarios.opposite(robots)
+    body = Body.of(mission.simulated_robot)._replace(position_noise=NOISE)
+    results = [
+        simulate(mission, runs=runs, options=Simulated(delay=delay, body=body), **OPPOSITE_LASTS)
+        for delay in reported(f"crossing: {robots} on a circle", list(DELAYS))
+    ]
+    settling = np.concatenate([one.settling_time for one in results])
+    return {
+        "robots": robots,
+        "runs": len(settling),
+        "nearest": min(float(one.nearest.min()) for one in results),
+        "left": sum(int((~one.converged).sum()) for one in results),
+        "slowest": float(np.nanmax(settling)),
+        "deadlocks": sum(int(one.deadlocks.sum()) for one in results),
+    }
 
 
 def random(robots: int, runs: int) -> Found:

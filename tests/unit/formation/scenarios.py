@@ -99,6 +99,29 @@ def exchanged(mission: Mission, avoid: object = "all", **collisions: Any) -> Mis
     return Mission.model_validate(output)
 
 
+def opposite(robots: int) -> Mission:
+    """Fast robots on a circle behind the leader, which all measure it and start opposite to their slots.
+
+    All ways cross in the middle, at the same time.
+    """
+    circle = max(1.4, 0.22 * robots) * np.exp(1j * (0.26 + 2.0 * np.pi / robots * np.arange(robots)))
+    output = clearing(
+        build(
+            np.array([0.0, *(circle - 2.0)]),
+            ((), *[(0,)] * robots),
+            {"speed": 0.1, "heading_deg": 0.0},
+            robot={"control_point_offset": 0.1, "max_speed": 1.0, "max_turn_rate": 2.5, "radius": 0.15},
+            simulated_robot={"lag": 0.1},
+        ),
+        lag=0.1,
+    ).model_dump()
+    for name, place in zip(output["shapes"]["shape"], circle.tolist(), strict=True):
+        start = -2.0 - place
+        heading = float(np.degrees(np.angle(place)))
+        output["robots"][name]["start"] = {"x": start.real, "y": start.imag, "heading_deg": heading}
+    return Mission.model_validate(output)
+
+
 def six(**law: Any) -> Mission:
     """Section 4 of the paper, starts within ±3 m."""
     return build(

@@ -115,6 +115,17 @@ def test_all_robots_arrive_from_starts_that_once_failed(
     assert_all_arrive(mission, some, noise, delay)
 
 
+@pytest.mark.parametrize("robots", [3, 4, 6, 8])
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.2])
+def test_robots_that_start_opposite_to_their_slots_all_arrive(robots: int, delay: float) -> None:
+    mission = scenarios.opposite(robots)
+    for noise in (0.0, 0.002):
+        options = Options(delay=delay, body=Body.of(mission.simulated_robot)._replace(position_noise=noise))
+        result = simulate(mission, runs=3, step=0.05, horizon=75.0, options=options, starts="mission")
+        assert result.converged.all()
+        assert result.nearest.min() > 0.0
+
+
 SWINGING = (24, 148, 151, 163)
 """Starts of 1000 from which a robot goes to and fro behind one that is in its slot already."""
 
