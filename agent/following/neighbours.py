@@ -322,7 +322,9 @@ class Neighbourhood:
                 name,
                 spec.rate if local else mission.robots[name].rate,
                 answers=not local and answers(mission, name, robot),
-                check=RelativeCheck(name, offset, by_odometry=reckons) if local else None,
+                check=RelativeCheck(name, offset, mission.robots[name].top_speed, by_odometry=reckons)
+                if local
+                else None,
             )
             for name in spec.measurable
         }

@@ -10,8 +10,11 @@ went, of which only the size counts, so frames that differ do no harm. It is the
 the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
 |d| - |z θ|. A displacement is frozen if it shows less, with the tolerances of
 `formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays the same bit
-for bit. The doubt lasts until the displacement changes, or an operator orders a hold. The doubt, and how far
-a displacement has stayed the same bit for bit, outlive the agent (`RelativeMemory`).
+for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
+
+It is contradicted if it is farther from exp(-iθ) (z - d) than the neighbour can have gone, as where its axes
+are exchanged or mirrored. That doubt lasts until an operator orders a hold. Both doubts, and how far a
+displacement has stayed the same bit for bit, outlive the agent (`RelativeMemory`).
 """
 
 from __future__ import annotations
@@ -39,6 +42,12 @@ MAX_EQUAL_MOTION = 0.25
 """Change by own motion that a displacement may miss while it stays the same bit for bit [m]."""
 EXPLAINED_PATH = 0.3
 """Own path after which a leg begins anew if the neighbour's way explains all of it [m]."""
+MAX_COURSE_ERROR, MAX_COURSE_ERROR_RATIO = 0.15, 0.15
+"""Error that noise and odometry may cause [m], and as a share of the change by own motion."""
+COURSE_PATH, COURSE_TURN = 3.0, 3.0
+"""Own path [m] and turn [rad] after which the comparison of its course begins anew."""
+FAR = 1e9
+"""A change that no displacement makes [m]."""
 MIN_DOUBT_TIME = 1.0
 """Time for which a doubt lasts before an order may end it [s]."""
 
@@ -141,6 +150,8 @@ class RelativeCheckState:
     """Since the displacement last showed motion."""
     equal: Leg = field(default_factory=Leg)
     """Since it last changed at all."""
+    course: Leg | None = None
+    """Since its course is compared; None while it is not."""
     missed: float = 0.0
     """Change by own motion since it first was what it is, bit for bit [m]."""
     missed_before: float = 0.0
@@ -152,13 +163,15 @@ class RelativeCheckState:
 class RelativeCheck:
     """Checks the displacements of one neighbour."""
 
-    def __init__(self, name: str, offset: float, *, by_odometry: bool) -> None:
+    def __init__(self, name: str, offset: float, top_speed: float, *, by_odometry: bool) -> None:
         """`offset` [m] is from the robot's centre to its control point.
 
+        `top_speed` [m/s] is that of the neighbour's control point.
         `by_odometry`: the robot's own motion is; otherwise only its commands tell how it turns.
         """
         self.state = RelativeCheckState()
         self._name, self._offset, self._by_odometry = name, offset, by_odometry
+        self._reach = top_speed * RECENT_TIME  # it may have gone so far since it said where it is
 
     @property
     def memory(self) -> RelativeMemory:
@@ -187,7 +200,7 @@ class RelativeCheck:
     def _trust(self) -> None:
         """Begin anew with the next displacement."""
         state = self.state
-        state.doubt, state.gaps, state.missed, state.missed_before = None, 0, 0.0, 0.0
+        state.doubt, state.course, state.gaps, state.missed, state.missed_before = None, None, 0, 0.0, 0.0
 
     def saw(
         self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
@@ -202,13 +215,15 @@ class RelativeCheck:
                 return
             self._trust()
         if anew or state.gaps != own.gaps:
-            state.gaps, state.leg = own.gaps, Leg(first=seen, own=now, reported=reported)
+            state.gaps, state.leg, state.course = own.gaps, Leg(first=seen, own=now, reported=reported), None
             state.equal, state.missed_before = Leg(first=state.equal.first, own=now), self._kept
         if seen != state.equal.first:
             state.equal, state.missed_before = Leg(first=seen, own=now), 0.0
         state.missed = state.missed_before + max(0.0, self._change(state.equal, now))
         if state.missed > MAX_EQUAL_MOTION:
             self._doubt(seen, state.equal, state.missed, 0.0, now[-1])
+            return
+        if self._by_odometry and self._contradicts(seen, now, reported):
             return
         leg = state.leg
         changed = abs(seen - leg.first)
@@ -224,6 +239,28 @@ class RelativeCheck:
         elif _is_over(leg, changed, least, now[-1]):
             state.leg = Leg(first=seen, own=now, reported=reported)
 
+    def _contradicts(self, seen: complex, recent: tuple[Moved, ...], reported: complex | None) -> bool:
+        """Doubt it if own motion and the neighbour's way cannot have brought it to `seen` [m; body frame]."""
+        leg, now = self.state.course, recent[-1]
+        if leg is None or leg.reported is None or reported is None:
+            self.state.course = Leg(first=seen, own=recent, reported=reported)
+            return False
+        then = leg.own[0]
+        path, turn, duration = now.path - then.path, now.turning - then.turning, now.moment - then.moment
+        pairs = zip(reversed(leg.own), reversed(recent), strict=False)
+        error = min(abs(seen - _unmoved(leg.first, *pair)) for pair in pairs)
+        limit = MAX_COURSE_ERROR + MAX_COURSE_ERROR_RATIO * (path + abs(leg.first) * turn)
+        limit += REPORTED_RATIO * abs(reported - leg.reported) + self._reach
+        if error > limit:
+            why = Reason.of(
+                Code.RELATIVE_CONTRADICTED, robot=self._name, distance=error, duration=duration, limit=limit
+            )
+            self.state.doubt = RelativeDoubt(why, now.moment, seen, FAR)
+            return True
+        if path > COURSE_PATH or turn > COURSE_TURN or duration > FORGETTING_TIME:
+            self.state.course = Leg(first=seen, own=recent, reported=reported)
+        return False
+
     def _change(self, leg: Leg, recent: tuple[Moved, ...]) -> float:
         """Least change of the displacement by own motion since `leg` began [m]; may be negative."""
         pairs = zip(reversed(leg.own), reversed(recent), strict=False)
@@ -235,9 +272,7 @@ class RelativeCheck:
         """Change of a displacement `seen`, of what stands, by the motion from `then` to `now` [m]."""
         if not self._by_odometry:
             return abs(now.way - then.way) - abs(seen) * (now.turning - then.turning)
-        back = then.facing.conjugate()
-        way, facing = back * (now.at - then.at), back * now.facing
-        return abs(facing.conjugate() * (seen - way) - seen)
+        return abs(_unmoved(seen, then, now) - seen)
 
     def _doubt(self, seen: complex, leg: Leg, least: float, ends_beyond: float, now: Moved) -> None:
         why = Reason.of(
@@ -249,6 +284,16 @@ class RelativeCheck:
             least=MIN_MOTION_SHARE * least,
         )
         self.state.doubt = RelativeDoubt(why, now.moment, seen, ends_beyond)
+
+
+def _unmoved(seen: complex, then: Moved, now: Moved) -> complex:
+    """Where something that stands is seen after the motion from `then` to `now`, if it was at `seen`.
+
+    [m; body frame]
+    """
+    back = then.facing.conjugate()
+    way, facing = back * (now.at - then.at), back * now.facing
+    return facing.conjugate() * (seen - way)
 
 
 def _is_over(leg: Leg, changed: float, least: float, now: Moved) -> bool:

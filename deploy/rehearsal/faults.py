@@ -197,9 +197,17 @@ def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
                 fleet.engine.at(fault.since + fault.lasts, end)
     finite = [one for one in faults if one.lasts < math.inf]
     kinds = {one.kind for one in finite}
+    last = max((one.since + one.lasts for one in finite), default=0.0)
     if kinds & STATE_LOSING or (kinds & OPERATOR.keys() and kinds & DISTURBING):
-        last = max(one.since + one.lasts for one in finite)
         fleet.engine.at(last + SECOND_RUN_TIME, operator.set_going)
+    if "forge" in kinds:
+        fleet.engine.at(last + SECOND_RUN_TIME, lambda: _answer_unread(fleet, operator))
+
+
+def _answer_unread(fleet: Fleet, operator: Operator) -> None:
+    """Order `run` if the leader waits for it, because it could not read the orders that robots relay."""
+    if fleet.leading.plan.team_mode.unread:
+        operator.order("run")
 
 
 def _actions(

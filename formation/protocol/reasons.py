@@ -85,6 +85,7 @@ class Code(StrEnum):
     RELATIVE_LATE = "relative_late"
     RELATIVE_WAS_LATE = "relative_was_late"
     RELATIVE_FROZEN = "relative_frozen"
+    RELATIVE_CONTRADICTED = "relative_contradicted"
     # about neighbours that its range scanner must see
     SIGHT_SEARCHING = "sight_searching"
     SIGHT_PLACING = "sight_placing"
@@ -197,6 +198,9 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.RELATIVE_FROZEN: "the sensor's {robot} frozen or this robot blocked: displacement changed"
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
+        Code.RELATIVE_CONTRADICTED: "the sensor's {robot} is {distance:.2f} m from where it can be after"
+        " {duration:.1f} s by odometry; limit {limit:.2f} m: check the sensor's axes (x ahead, y to the"
+        " left) and mounting, and which robot it sees, then order hold and run",
         Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f}"
         " scans; no position to rely on from {unplaced:names}, see to them first; clear the view, or put the"
         " robot back in its place, its start pose if it has not driven; check that the scanner sends new"

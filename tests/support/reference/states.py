@@ -114,7 +114,13 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("messages late, or a wrong clock, and no answer", [_with(unanswered={"robot1": Unanswered(3.0, 0.5)})]),
     (
         "the sensor of a neighbour that it must follow or avoid is not credible",
-        _because("relative_doubt", Code.RELATIVE_LATE, Code.RELATIVE_WAS_LATE, Code.RELATIVE_FROZEN),
+        _because(
+            "relative_doubt",
+            Code.RELATIVE_LATE,
+            Code.RELATIVE_WAS_LATE,
+            Code.RELATIVE_FROZEN,
+            Code.RELATIVE_CONTRADICTED,
+        ),
     ),
     (
         "the robot must see its neighbours, and does not",

@@ -9,15 +9,18 @@ from random import Random
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from formation.agent.following.relative_check import OwnMotion, RelativeCheck
 from formation.agent.simulated.faults import Fault, parse
 from formation.control.observer import Travel
 from formation.control.plane import rotation
+from formation.control.unicycle import along
 from formation.mission.file import load
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry, Twist
+from formation.ros2.messages import Displacement, Odometry, Twist
 from formation.topics import CMD_VEL, ODOM, RELATIVE
 from formation.wire import Sample
 from tests.support.examples import slow
@@ -248,7 +251,7 @@ class Watched:
     """A check of the displacements to one neighbour, and the robot's motion."""
 
     def __init__(self, *, by_odometry: bool = True) -> None:
-        self.check = RelativeCheck("robot2", 0.0, by_odometry=by_odometry)
+        self.check = RelativeCheck("robot2", 0.0, 0.5, by_odometry=by_odometry)
         self.own, self.time = OwnMotion(), 0.0
 
     def move(self, travel: Travel | None, periods: int, seen: Seen, reported: Seen = lambda _: None) -> bool:
@@ -339,6 +342,91 @@ def test_trust_ends_doubt_only_after_one_second() -> None:
     assert watched.check.state.doubt is doubt
     watched.check.trust(doubt.since + 1.01)
     assert watched.check.state.doubt is None
+
+
+TURN_AND_GO = Travel(0.02, 0.03, 0.02 + 0j)
+WRONG_AXES: dict[str, Callable[[complex], complex]] = {
+    "mirrored": lambda z: z.conjugate(),
+    "backward": lambda z: -z,
+    "exchanged": lambda z: complex(z.imag, z.real),
+    "turned by 90°": lambda z: 1j * z,
+}
+
+
+@given(
+    travels=st.lists(st.tuples(st.floats(-0.05, 0.05), st.floats(-0.1, 0.1)), min_size=1, max_size=200),
+    ways=st.lists(st.complex_numbers(max_magnitude=0.025), min_size=200, max_size=200),
+    first=st.complex_numbers(max_magnitude=5.0),
+    scale=st.floats(0.9, 1.1),
+    late=st.integers(0, 6),
+    reports_late=st.integers(0, 6),
+    angle=st.floats(-3.2, 3.2),
+)
+def test_true_displacement_is_never_contradicted(
+    travels: list[tuple[float, float]],
+    ways: list[complex],
+    first: complex,
+    scale: float,
+    late: int,
+    reports_late: int,
+    angle: float,
+) -> None:
+    """Whatever both robots do, with late messages, odometry 10 % off, and frames that differ."""
+    watched, here, heading, there = Watched(), 0j, 1.0 + 0j, first
+    seen, said = [first], [first]
+    for (distance, turn), way in zip(travels, ways, strict=False):
+        here, heading = along(here, heading, distance, turn)
+        there += way
+        seen.append((there - here) * heading.conjugate())
+        said.append(there)
+        watched.time += PERIOD
+        watched.own.add(watched.time, Travel(scale * distance, scale * turn, scale * distance * heading))
+        shown, told = seen[max(0, len(seen) - 1 - late)], said[max(0, len(said) - 1 - reports_late)]
+        watched.check.saw(shown, watched.own, rotation(angle) * told)
+        doubt = watched.check.state.doubt
+        assert doubt is None or doubt.why.code is not Code.RELATIVE_CONTRADICTED
+
+
+@pytest.mark.parametrize("wrong", WRONG_AXES.values(), ids=WRONG_AXES)
+def test_displacement_along_wrong_axes_is_contradicted_until_order(
+    wrong: Callable[[complex], complex],
+) -> None:
+    watched, here, heading = Watched(), 0j, 1.0 + 0j
+    for _ in range(60):
+        here, heading = along(here, heading, TURN_AND_GO.distance, TURN_AND_GO.turn)
+        shown = wrong((2.0 + 1.0j - here) * heading.conjugate())
+        watched.move(TURN_AND_GO, 1, lambda _, shown=shown: shown, lambda _: 2.0 + 1.0j)  # type: ignore[misc]
+    doubt = watched.check.state.doubt
+    assert doubt is not None
+    assert doubt.why.code is Code.RELATIVE_CONTRADICTED
+    watched.move(Travel(0.0, 0.0, 0j), 200, still, still)
+    assert watched.check.state.doubt is doubt
+    watched.check.trust(watched.time)
+    assert watched.check.state.doubt is None
+
+
+@pytest.mark.parametrize("wrong", WRONG_AXES.values(), ids=WRONG_AXES)
+def test_robot_with_wrong_axes_of_its_sensor_holds_until_order(wrong: Callable[[complex], complex]) -> None:
+    mission = with_robots("turtlebot3_pair", measurement="local")
+    fleet, robot = Fleet(mission), mission.followers[-1]
+    keys = {RELATIVE.key(robot, other) for other in mission.robots[robot].measurable}
+
+    def turned(one: Displacement) -> Displacement:
+        return replace(one, displacement=wrong(one.displacement))
+
+    meddles = {key: altered(key, Displacement, turned) for key in keys}
+    fleet.meddle = lambda one: meddles[one.key](one) if one.key in keys else (one,)
+    fleet.run(12.0)
+    assert fleet.plant(robot).path < 0.8
+    assert fleet.agents[robot].decision.reason.code is Code.RELATIVE_CONTRADICTED
+    fleet.meddle = lambda one: (one,)
+    fleet.run(5.0)
+    assert fleet.agents[robot].decision.state is AgentState.HOLD
+    fleet.ask(mission.leader, "hold")
+    fleet.run(2.0)
+    fleet.ask(mission.leader, "run")
+    fleet.run(2.0)
+    assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
 def late_displacements(seconds: float) -> Callable[[Sample], Iterable[Sample]]:

@@ -9,6 +9,7 @@ from formation.mission.file import load
 from tests.campaigns.defects.catalogue.all import DEFECTS, EVERY
 from tests.campaigns.defects.copies import ROOT
 from tests.campaigns.defects.defect import Defect, changed
+from tests.campaigns.defects.inside import run
 from tests.campaigns.defects.plan import Plan
 from tests.campaigns.defects.plans import GROUPS, PLANS
 from tests.campaigns.defects.reasons import REASONS
@@ -32,3 +33,9 @@ def test_plan_fits_its_mission(plan: Plan) -> None:
     assert all(parse(fault, mission) for fault in plan.faults)
     assert set(plan.kinds) <= {"all", *KINDS}
     assert list(plan.told) == sorted(plan.told, key=lambda one: one.at)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", GROUPS)
+def test_no_plan_breaks_a_rule_without_a_defect(group: str) -> None:
+    assert {plan.words: broken for plan in GROUPS[group] if (broken := run(plan))} == {}
