@@ -200,7 +200,7 @@ def _options() -> argparse.ArgumentParser:
         "--speed",
         type=number(0.0, 100.0, open_below=True),
         metavar="M/S",
-        help="speed on the route (default: about half of the slowest robot's)",
+        help="speed on the route (default: 0.6 of the slowest robot's top speed)",
     )
     add_router(options)
     add_links(options)

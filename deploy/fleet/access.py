@@ -1,6 +1,6 @@
 """A mission in the field: where its processes listen, what they may send, and their Zenoh configurations.
 
-`words` lists every message between two processes of a mission. The messages that a process accepts from
+`permissions` lists every message between two processes of a mission. The messages that a process accepts from
 another (ingress) and sends to it (egress) are the two halves of that list: listed messages are never refused,
 all others always. The receiver enforces it: the certificate of the link identifies the sender.
 """
@@ -107,7 +107,7 @@ def _host(name: str, endpoint: str) -> Host:
     return host
 
 
-class Word(NamedTuple):
+class Permission(NamedTuple):
     """One message that one process may send to another."""
 
     sender: str
@@ -122,17 +122,17 @@ def processes(mission: Mission) -> tuple[str, ...]:
     return (*members(mission), *VISITORS)
 
 
-def words(mission: Mission) -> Iterator[Word]:
+def permissions(mission: Mission) -> Iterator[Permission]:
     """Yield every permitted message, once."""
     yield from dict.fromkeys((*_in_the_fleet(mission), *_to_visitors(mission)))
 
 
-def _in_the_fleet(mission: Mission) -> Iterator[Word]:
+def _in_the_fleet(mission: Mission) -> Iterator[Permission]:
     """Yield positions to the robots that measure them and to candidates; candidates' ballots and routes."""
     for me in mission.followers:
         for other in mission.received_by(me):
-            for speaker in _publishers(mission, other):
-                yield from _listens(me, speaker, POSITION.key(other))
+            for publisher in _publishers(mission, other):
+                yield from _listens(me, publisher, POSITION.key(other))
         for one in mission.candidates if mission.standbys else ():
             yield from _listens(me, one, BALLOT.key(one))
     for me in mission.candidates:
@@ -142,20 +142,20 @@ def _in_the_fleet(mission: Mission) -> Iterator[Word]:
                 yield from _listens(me, other, topic.key(other))
 
 
-def _to_visitors(mission: Mission) -> Iterator[Word]:
+def _to_visitors(mission: Mission) -> Iterator[Permission]:
     """Yield all messages to the monitor; states and answers to the operator."""
     for one in watched(mission):
         if one.topic is not GROUND_TRUTH:  # of the simulation, not of the robot
-            for speaker in _publishers(mission, one.robot) if one.topic is POSITION else (one.robot,):
-                yield from _listens(MONITOR, speaker, one.key)
+            for publisher in _publishers(mission, one.robot) if one.topic is POSITION else (one.robot,):
+                yield from _listens(MONITOR, publisher, one.key)
     for me in members(mission):
         for visitor in VISITORS:
             yield from _listens(visitor, me, STATUS.key(me))
         order = ORDER.key(me)
         for key in (order, REQUESTED_ALL):
-            yield Word(OPERATOR, me, "query", key)
-        yield Word(me, OPERATOR, "declare_queryable", order)
-        yield Word(me, OPERATOR, "reply", order)
+            yield Permission(OPERATOR, me, "query", key)
+        yield Permission(me, OPERATOR, "declare_queryable", order)
+        yield Permission(me, OPERATOR, "reply", order)
 
 
 def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str, Any]:
@@ -179,27 +179,27 @@ def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str,
 
 
 def access_control(mission: Mission, process: str) -> dict[str, Any]:
-    """Return Zenoh's rules for one process: `words`, and nothing else."""
+    """Return Zenoh's rules for one process: `permissions`, and nothing else."""
     rules: dict[str, dict[str, Any]] = {}
     policies: dict[str, list[str]] = {}
     prefix = f"{mission.team}/" if mission.team else ""
-    for word in words(mission):
-        if process not in {word.sender, word.receiver}:
+    for one in permissions(mission):
+        if process not in {one.sender, one.receiver}:
             continue
-        comes = word.receiver == process
-        peer = word.sender if comes else word.receiver
-        name = f"{'from' if comes else 'to'} {peer}: {word.message}"
+        comes = one.receiver == process
+        peer = one.sender if comes else one.receiver
+        name = f"{'from' if comes else 'to'} {peer}: {one.message}"
         rule = rules.setdefault(
             name,
             {
                 "id": name,
                 "permission": "allow",
                 "flows": ["ingress" if comes else "egress"],
-                "messages": [word.message],
+                "messages": [one.message],
                 "key_exprs": [],
             },
         )
-        rule["key_exprs"].append(prefix + word.key)
+        rule["key_exprs"].append(prefix + one.key)
         if name not in policies.setdefault(peer, []):
             policies[peer].append(name)
     strangers = [name for name in processes(mission) if name != process and name not in policies]
@@ -228,9 +228,9 @@ def text(mission: Mission, process: str, settings: Mapping[str, Any]) -> str:
     )
 
 
-def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
-    yield Word(listener, speaker, "declare_subscriber", key)
-    yield Word(speaker, listener, "put", key)
+def _listens(listener: str, publisher: str, key: str) -> Iterator[Permission]:
+    yield Permission(listener, publisher, "declare_subscriber", key)
+    yield Permission(publisher, listener, "put", key)
 
 
 def _publishers(mission: Mission, robot: str) -> tuple[str, ...]:

@@ -409,7 +409,7 @@ class Fleet:
 
 def _permits(mission: Mission) -> Permits:
     """Return the access rules of the field."""
-    put = {(one.sender, one.receiver, one.key) for one in access.words(mission) if one.message == "put"}
+    put = {(one.sender, one.receiver, one.key) for one in access.permissions(mission) if one.message == "put"}
 
     def permits(sender: str | None, receiver: str | None, key: str) -> bool:
         return sender is None or receiver is None or (sender, receiver, key) in put

@@ -110,7 +110,7 @@ def _permitted(name: str) -> frozenset[tuple[str, str, str, str]]:
 
 @EVERY_MISSION
 def test_rules_permit_exactly_the_messages_of_the_table(mission: Mission) -> None:
-    result = {(word.receiver, word.sender, word.message, word.key) for word in access.words(mission)}
+    result = {(word.receiver, word.sender, word.message, word.key) for word in access.permissions(mission)}
     allowed = permitted(mission)
     # attempts include every key of the table, except sensors that measure a robot that is not tried
     assert {word for word in result if "/relative/" not in word[3]} <= allowed
@@ -186,7 +186,7 @@ def test_keys_of_another_team_are_denied(mission: Mission) -> None:
     team = mission.model_copy(update={"team": "blues"})
     for me in access.processes(mission):
         rules = access.access_control(mission, me)
-        for word in access.words(mission):
+        for word in access.permissions(mission):
             assert not allows(rules, word.sender, "ingress", word.message, wire(team, word.key))
 
 

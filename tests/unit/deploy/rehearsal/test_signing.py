@@ -107,8 +107,8 @@ def test_unsigned_order_of_leader_breaks_orders_rule(monkeypatch: pytest.MonkeyP
 
 def test_access_rule_reports_message_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     lost = POSITION.key("robot1")
-    permitted = [one for one in access.words(SIX) if (one.receiver, one.key) != ("robot3", lost)]
-    monkeypatch.setattr(access, "words", lambda _mission: iter(permitted))
+    permitted = [one for one in access.permissions(SIX) if (one.receiver, one.key) != ("robot3", lost)]
+    monkeypatch.setattr(access, "permissions", lambda _mission: iter(permitted))
     verdict = run(Plan(SIX, seconds=5.0), 0, [])
     (broken,) = [one for one in verdict.violations if one.rule == "access"]
     assert (broken.robot, "robot3" in broken.what, lost in broken.what) == ("leader robot1", True, True)
