@@ -12,8 +12,7 @@ Not in the paper. Three layers, combined in `avoid`; each passes on unchanged a 
 3. Deadlocks. A robot that wants to move and does not for a while is blocked: by a standing obstacle such as
    a post, or because two robots wait for each other. In the first case it goes round the obstacle, to one
    side and, if that does not help, to the other. In the second case it turns its wanted velocity to the right
-   for a while (all robots do, so two pass each other), longer each time in a row, and then to the left every
-   other time.
+   for a while: all robots do, so two pass each other.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
