@@ -12,7 +12,7 @@ Not in the paper. Three layers, combined in `avoid`; each passes on unchanged a 
 3. Deadlocks. A robot that wants to move and does not for a while is blocked: by a standing obstacle such as
    a post, or because two robots wait for each other. In the first case it goes round the obstacle, to one
    side and, if that does not help, to the other. In the second case it turns its wanted velocity to the right
-   for a while: all robots do, so two pass each other.
+   for a while, and rarely to the left: all robots do, so two pass each other.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
@@ -67,8 +67,9 @@ DEADLOCK_DELAY, DETOUR_TIME = 0.5, 2.5
 DETOUR_ANGLE, DETOUR_DISTANCE, MIN_DETOUR_COSINE, MAX_DETOUR_TIME = 1.8, 0.5, -0.2, 10.0
 """A detour round a standing obstacle: angle to it [rad], distance within which it counts [m], cosine
 between it and the wanted direction below which the detour ends, and longest duration [s]."""
-TO_THE_RIGHT = rotation(-1.2)
-"""Rotation of the wanted velocity during a detour: the same for all robots, or two would turn to one side."""
+TO_THE_RIGHT, LEFT_EVERY = rotation(-1.2), 6
+"""Rotation of the wanted velocity during a detour, the same for all robots, or two would turn to one side. A
+robot's fifth detour, and each sixth after it, goes to the left: one that follows it may keep to its right."""
 
 
 class Obstacle(NamedTuple):
@@ -347,10 +348,16 @@ def avoid(
     before = Avoidance(before.kept, detour, before.deadlocks, before.went, side, before.slow)
     aim = wanted
     if detour > 0.0:
-        turned = near * rotation(side * DETOUR_ANGLE) * abs(want) if side != 0.0 else TO_THE_RIGHT * want
+        turned = near * rotation(side * DETOUR_ANGLE) * abs(want) if side != 0.0 else _aside(before) * want
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
     done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters, moving)
     return done, _updated(want, done, near, along, limits, before, dt)
+
+
+def _aside(state: Avoidance) -> complex:
+    """Rotation of the wanted velocity during a detour [–]."""
+    to_the_left = state.deadlocks % LEFT_EVERY == LEFT_EVERY - 1
+    return TO_THE_RIGHT.conjugate() if to_the_left else TO_THE_RIGHT
 
 
 def _standing(
