@@ -3,35 +3,31 @@
 Messages are converted only by `encode` and `decode`. `decode` accepts exactly what a controller can use:
 any fault in the bytes (length, header, type, numbers that are not finite or not physical, a robot that is
 not upright) is one BadMessage.
-
-Definitions and hashes of the types are for recordings, keys and the programs that show them.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cache
-from itertools import chain
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self, TypeVar
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
+from formation.ros2.diagnostics import Diagnostics, LogEntry, Status
+from formation.ros2.goal_status import GoalStatuses
 from formation.ros2.laser_scan import LaserScan
-from formation.ros2.ros import BY_TYPE, MAX_PAYLOAD_BYTES, Message
+from formation.ros2.ros import MAX_PAYLOAD_BYTES, Message
 from formation.wire import BadMessage
 
 __all__ = [
     "MAX_PAYLOAD_BYTES",
-    "NESTED",
     "WORLD_FRAME",
     "BadMessage",
     "Diagnostics",
     "Displacement",
+    "GoalStatuses",
     "LaserScan",
     "LogEntry",
     "MapPose",
@@ -47,10 +43,7 @@ __all__ = [
     "Twist",
     "TwistStamped",
     "decode",
-    "definition",
     "encode",
-    "message_class",
-    "type_hash",
 ]
 
 WORLD_FRAME = "map"
@@ -328,89 +321,6 @@ class Number(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
-    """diagnostic_msgs/DiagnosticStatus: the state of one thing."""
-
-    name: str
-    level: int
-    """0 ok, 1 warning, 2 error, 3 stale."""
-    message: str
-    hardware_id: str = ""
-    values: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnostics(Message):
-    """diagnostic_msgs/DiagnosticArray: several statuses of one moment [s, sender's system clock]."""
-
-    ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticArray"
-    DEFINITION: ClassVar[str] = "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n"
-    TYPE_HASH: ClassVar[str] = "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
-    stamp: float
-    statuses: tuple[Status, ...]
-
-    def _write(self, to: Writer) -> None:
-        ros.write_header(to, self.stamp, "")
-        to.count(len(self.statuses))
-        for status in self.statuses:
-            to.octet(_level(status.level))
-            for text in (status.name, status.message, status.hardware_id):
-                ros.write_text(to, text)
-            to.count(len(status.values))
-            for text in chain.from_iterable(status.values.items()):
-                ros.write_text(to, text)
-
-    @classmethod
-    def _read(cls, source: Reader) -> Self:
-        stamp, _ = ros.read_header(source)
-        statuses = []
-        for _ in range(source.count()):
-            level = _level(source.octet())
-            name, message, hardware_id = (ros.read_text(source) for _ in range(3))
-            values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
-            statuses.append(Status(name, level, message, hardware_id, values))
-        return cls(stamp, tuple(statuses))
-
-
-@dataclass(frozen=True, slots=True)
-class LogEntry(Message):
-    """rcl_interfaces/Log: an event, in words."""
-
-    ROS_TYPE: ClassVar[str] = "rcl_interfaces/msg/Log"
-    DEFINITION: ClassVar[str] = (
-        "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\n"
-        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n"
-        "string function\nuint32 line\n"
-    )
-    TYPE_HASH: ClassVar[str] = "e28ce254ca8abc06abf92773b74602cdbf116ed34fbaf294fb9f81da9f318eac"
-    stamp: float
-    """[s, sender's system clock]"""
-    level: int
-    """10 debug, 20 info, 30 warning, 40 error, 50 fatal."""
-    name: str
-    """Name of the robot or process that it is about."""
-    text: str
-    kind: str = ""
-    """Kind of event, in one word; ROS calls the field `function`."""
-
-    def _write(self, to: Writer) -> None:
-        ros.write_stamp(to, self.stamp)
-        to.octet(_log_level(self.level))
-        for text in (self.name, self.text, "", self.kind):  # the third is a file …
-            ros.write_text(to, text)
-        to.count(0)  # … and this a line in it
-
-    @classmethod
-    def _read(cls, source: Reader) -> Self:
-        stamp, level = ros.read_stamp(source), _log_level(source.octet())
-        name, text = ros.read_text(source), ros.read_text(source)
-        source.text()
-        kind = ros.read_text(source)
-        source.count()
-        return cls(stamp, level, name, text, kind)
-
-
-@dataclass(frozen=True, slots=True)
 class Text(Message):
     """std_msgs/String, printable."""
 
@@ -451,76 +361,3 @@ def decode(cls: type[M], payload: bytes) -> M:
     except BadMessage as error:
         raise BadMessage(f"{cls.ROS_TYPE}: {error}") from None
     return message
-
-
-def _level(level: int) -> int:
-    if level not in range(4):
-        raise BadMessage(f"level is {level}, must be 0 (ok), 1 (warning), 2 (error) or 3 (stale)")
-    return level
-
-
-def _log_level(level: int) -> int:
-    if level not in {10, 20, 30, 40, 50}:
-        raise BadMessage(f"level is {level}, must be 10 (debug), 20, 30, 40 or 50 (fatal)")
-    return level
-
-
-NESTED = MappingProxyType(
-    {
-        "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
-        "diagnostic_msgs/DiagnosticStatus": (
-            "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\n"
-            "string message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
-        ),
-        "diagnostic_msgs/KeyValue": "string key\nstring value\n",
-        "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
-        "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-        "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
-        "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
-        "geometry_msgs/TransformStamped": (
-            "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
-        ),
-        "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
-        "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
-        "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
-        "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
-    }
-)
-"""Fields and constants in ROS 2 Jazzy of the types that occur only within messages."""
-BETWEEN = "=" * 80
-"""A line between one type and the next."""
-
-
-@cache
-def definition(ros_type: str) -> str:
-    """The type with its nested types, as MCAP's ``ros2msg`` schemas need it. KeyError for an unknown type."""
-    whole = message_class(ros_type).DEFINITION
-    others = dict.fromkeys(_within(whole))  # each once, at its first occurrence
-    return whole + "".join(f"{BETWEEN}\nMSG: {one}\n{_fields(one)}" for one in others)
-
-
-def type_hash(ros_type: str) -> str:
-    """The type's ``RIHS01_…`` hash. KeyError for an unknown type."""
-    return f"RIHS01_{message_class(ros_type).TYPE_HASH}"
-
-
-def message_class(ros_type: str) -> type[Message]:
-    """The class of a ROS 2 type. KeyError for an unknown type."""
-    if ros_type not in BY_TYPE:
-        one = Odometry.ROS_TYPE
-        raise KeyError(f"{ros_type!r} is no ROS 2 type known here; one would be {one!r}")
-    return BY_TYPE[ros_type]
-
-
-def _fields(nested: str) -> str:
-    """The definition of a field's type, ``package/Name``."""
-    return NESTED[nested] if nested in NESTED else message_class(nested.replace("/", "/msg/")).DEFINITION
-
-
-def _within(fields: str) -> Iterator[str]:
-    """The types of the fields, in sequence, each with its nested types."""
-    for line in fields.splitlines():
-        of = line.split()[0].removesuffix("[]").partition("[")[0]
-        if "/" in of:
-            yield of
-            yield from _within(_fields(of))

@@ -17,7 +17,7 @@ from functools import cache
 from itertools import count
 from typing import Self
 
-from formation.ros2.messages import type_hash
+from formation.ros2.definitions import type_hash
 from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
 from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
 

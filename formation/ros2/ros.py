@@ -37,7 +37,7 @@ class Message(ABC):
     ROS_TYPE: ClassVar[str]
     """``package/msg/Name``."""
     DEFINITION: ClassVar[str]
-    """Its fields and constants in ROS 2 Jazzy; `messages.NESTED` has the types of its fields."""
+    """Its fields and constants in ROS 2 Jazzy; `definitions.NESTED` has the types of its fields."""
     TYPE_HASH: ClassVar[str]
     """RIHS01 in ROS 2 Jazzy, as rmw_zenoh writes it into keys."""
     MAX_BYTES: ClassVar[int] = MAX_PAYLOAD_BYTES

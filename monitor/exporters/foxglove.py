@@ -16,7 +16,7 @@ from foxglove import Channel, Context, Schema
 from formation.monitor.metrics.keys import Watched
 from formation.monitor.recording.channels import SUFFIX, TYPE, packed
 from formation.monitor.web.address import Bind
-from formation.ros2.messages import definition
+from formation.ros2.definitions import definition
 from formation.wire import Sample
 
 MAX_WAITING_MESSAGES = 8192

@@ -14,7 +14,8 @@ from uuid import uuid4
 
 from mcap.records import Channel, Schema
 
-from formation.ros2.messages import MAX_PAYLOAD_BYTES, Text, decode, definition, type_hash
+from formation.ros2.definitions import definition, type_hash
+from formation.ros2.messages import MAX_PAYLOAD_BYTES, Text, decode
 from formation.wire import BadMessage
 
 ABOUT = "formation"

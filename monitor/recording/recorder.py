@@ -20,7 +20,7 @@ from formation.monitor.recording.channels import SUFFIX, TYPE, Channels, about, 
 from formation.monitor.recording.disk import Disk, Notice
 from formation.monitor.recording.part import Chunk
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
-from formation.ros2.messages import definition
+from formation.ros2.definitions import definition
 from formation.transport.runtime.process import BadInput
 from formation.wire import Sample
 

@@ -12,11 +12,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from formation.ros2 import laser_scan, ros
 from formation.ros2.cdr import MAX_PADDING_BYTES
+from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import (
     MAX_PAYLOAD_BYTES,
     BadMessage,
     Diagnostics,
     Displacement,
+    GoalStatuses,
     LaserScan,
     LogEntry,
     Message,
@@ -68,6 +70,11 @@ def status(one: Status) -> Any:
     return make("diagnostic_msgs/msg/DiagnosticStatus", one.level, *texts, pairs)
 
 
+def goal(one: bytes, status: int) -> Any:
+    number = make("unique_identifier_msgs/msg/UUID", np.frombuffer(one, np.uint8))
+    return make("action_msgs/msg/GoalStatus", make("action_msgs/msg/GoalInfo", number, stamp(0.0)), status)
+
+
 FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
     Odometry: lambda m: (
         header(m.stamp, m.frame),
@@ -83,6 +90,7 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
     Diagnostics: lambda m: (header(m.stamp, ""), [status(one) for one in m.statuses]),
     LogEntry: lambda m: (stamp(m.stamp), m.level, m.name, m.text, "", m.kind, 0),
     Text: lambda m: (m.text,),
+    GoalStatuses: lambda m: ([goal(*one) for one in m.statuses],),
     LaserScan: lambda m: (
         header(m.stamp, m.frame),
         m.angle_min,
@@ -182,6 +190,11 @@ def _scan(raw: Any) -> tuple[Any, ...]:
     )
 
 
+def _goal(raw: Any) -> tuple[bytes, int]:
+    _stamp(raw.goal_info.stamp)
+    return bytes(raw.goal_info.goal_id.uuid), GoalStatus(_level(raw.status, tuple(GoalStatus)))
+
+
 def _number(raw: Any) -> float:
     ros.within("", 1.797_693_134_862_315_7e308, raw.data)
     return float(raw.data)
@@ -204,6 +217,7 @@ READ: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
         *map(_text, (raw.name, raw.msg, raw.function)),
     ),
     Text: lambda raw: (_text(raw.data),),
+    GoalStatuses: lambda raw: (tuple(map(_goal, raw.status_list)),),
     LaserScan: _scan,
 }
 """The fields of each class, in order."""

@@ -6,9 +6,11 @@ import cmath
 import math
 from typing import Any
 
+from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import (
     Diagnostics,
     Displacement,
+    GoalStatuses,
     LaserScan,
     LogEntry,
     Message,
@@ -37,6 +39,7 @@ EXAMPLES: tuple[Message, ...] = (
     ),
     LogEntry(NOW, 30, "robot2", "held: no fresh neighbour", "held"),
     Text('{"publisher_id":"a"}'),
+    GoalStatuses(((bytes(range(16)), GoalStatus.EXECUTING), (bytes(16), GoalStatus.CANCELED))),
     LaserScan(NOW, -0.5, 0.25, 0.125, 3.5, (0.5, math.inf, 0.0, 3.25, -math.inf), 0.03125, 0.25),
 )
 CLASSES: tuple[type[Any], ...] = tuple(type(example) for example in EXAMPLES)

@@ -15,11 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.ros2 import ros
+from formation.ros2.definitions import definition, type_hash
+from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import (
     MAX_PAYLOAD_BYTES,
     BadMessage,
     Diagnostics,
     Displacement,
+    GoalStatuses,
     LaserScan,
     LogEntry,
     Message,
@@ -31,9 +34,7 @@ from formation.ros2.messages import (
     Twist,
     TwistStamped,
     decode,
-    definition,
     encode,
-    type_hash,
 )
 from formation.ros2.ros import BY_TYPE
 from formation.topics import TABLE
@@ -51,6 +52,7 @@ texts = st.text(st.characters(exclude_categories=("C", "Z")), max_size=20)
 statuses = st.builds(
     Status, texts, st.integers(0, 3), texts, texts, st.dictionaries(texts, texts, max_size=5)
 )
+goals = st.tuples(st.binary(min_size=16, max_size=16), st.sampled_from(GoalStatus))
 beams = st.floats(0.0, 100.0, width=32) | st.sampled_from((math.inf, -math.inf))
 times = st.floats(0.0, 1.0, width=32)
 scans = st.builds(
@@ -74,6 +76,7 @@ messages: st.SearchStrategy[Message] = st.one_of(
     st.builds(Number, st.floats(allow_nan=False, allow_infinity=False)),
     st.builds(LogEntry, stamps, st.sampled_from((10, 20, 30, 40, 50)), texts, texts, texts),
     st.builds(Text, texts),
+    st.builds(GoalStatuses, st.lists(goals, max_size=3).map(tuple)),
     scans,
     st.builds(Diagnostics, stamps, st.lists(statuses, max_size=3).map(tuple)),
 )
@@ -191,13 +194,13 @@ def test_decoded_long_texts_are_not_kept_in_memory() -> None:
 
 
 def test_type_hashes_match_rosbags() -> None:
-    read_by_follow = {"nav_msgs/msg/Path"}
+    read_by_follow = {"nav_msgs/msg/Path", "action_msgs/msg/GoalStatusArray"}
     assert BY_TYPE.keys() == {name for topic in TABLE for name in topic.types} | read_by_follow
     assert all(type_hash(name) == by_rosbags.STORE.hash_rihs01(name) for name in BY_TYPE)
 
 
 def test_type_definitions_match_rosbags() -> None:
-    for name in {name for topic in TABLE for name in topic.types}:
+    for name in BY_TYPE:
         assert definition(name) == by_rosbags.STORE.generate_msgdef(name, ros_version=2)[0]
 
 

@@ -38,7 +38,8 @@ from formation.monitor.recording.recorder import Recorder, RecordingError, stamp
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 from formation.monitor.recording.scan import MESSAGE, Contents, contents, records
 from formation.ros2 import messages
-from formation.ros2.messages import Displacement, Number, Text, decode, encode, type_hash
+from formation.ros2.definitions import type_hash
+from formation.ros2.messages import Displacement, Number, Text, decode, encode
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, sample_of, status
