@@ -24,17 +24,17 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class LawError(ValueError):
-    """A law cannot be compiled; the text names the law, the line and the cause."""
+    """A law cannot be compiled, or raises; the text names the law and the cause."""
 
 
 @contextmanager
 def naming_law(name: str) -> Iterator[None]:
-    """Turn numba's refusal to compile the functions of the law `name` into a LawError of one line."""
+    """Turn errors of the law `name`, and numba's refusal to compile it, into a LawError of one line."""
     try:
         yield
     except Exception as error:
         if not type(error).__module__.startswith("numba."):
-            raise
+            raise LawError(f"the law {name!r} raised {type(error).__name__}: {error}") from error
         lines = str(error).splitlines()
         cause = next((one for one in lines if one.strip() and not one.startswith("Failed in")), "")
         places = (re.search(r'(\w+\.py)", line (\d+)', one) for one in lines)

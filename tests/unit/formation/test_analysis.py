@@ -320,6 +320,12 @@ def _not_finite(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(math.nan, 0.0), integral
 
 
+def _raising(integral: complex, heading: complex, *_: Any) -> tuple[Command, complex]:
+    if heading != 0.0:
+        raise IndexError("no neighbour")
+    return Command(0.0, 0.0), integral
+
+
 def _no_numbers(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(float(json.dumps(1.0)), 0.0), integral
 
@@ -338,4 +344,11 @@ def test_law_that_cannot_be_compiled_is_named_with_its_line() -> None:
     with pytest.raises(
         LawError, match=r"the law 'mine' cannot be compiled: test_analysis.py line \d+: .*dumps"
     ):
+        simulate(load("six_robots"), law=law, horizon=0.1)
+
+
+@pytest.mark.skipif(not AVAILABLE, reason="nothing compiles")
+def test_law_that_raises_is_named() -> None:
+    law = LAWS["proportional"]._replace(name="mine", step=_raising)
+    with pytest.raises(LawError, match=r"^the law 'mine' raised IndexError: no neighbour$"):
         simulate(load("six_robots"), law=law, horizon=0.1)
