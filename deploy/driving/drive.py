@@ -37,6 +37,9 @@ Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q end
   j  k  l      turn left, stop, turn right
   m  ,  .      back
 """
+CONTRADICTION = (
+    "commands change back and forth, as of two nodes that publish: end one, or put twist_mux before it"
+)
 EXAMPLES = f"""\
   formation drive convoy                       with the keys of this terminal
   formation drive convoy --speed 0.1           at most 0.1 m/s
@@ -167,6 +170,8 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
             except BadMessage as bad:
                 raise Ended(1, f"{sample.key}: {bad}") from None
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
+            if twists.contradict:
+                raise Ended(1, f"{sample.key}: {CONTRADICTION}")
         return twists.velocity(monotonic())
 
     with listening(*router(options), (options.topic,)) as bus:

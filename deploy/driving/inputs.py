@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import struct
+from collections import deque
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
@@ -46,6 +47,11 @@ MIN_TWIST_SHARE = 1e-3
 """Share of the greatest speed up to which a Twist's counts as none: rounding, or noise of a stick."""
 TWIST_SECONDS = 0.3
 """Time for which a Twist message counts [s]."""
+REVERSAL_SHARE = 0.1
+"""Change from one Twist to the next that counts, as a share of the greatest speed or turn rate."""
+MAX_REVERSALS = 8
+"""Most such changes back and forth within `REVERSAL_SECONDS`; a hand makes six, two nodes at 5 Hz ten."""
+REVERSAL_SECONDS = 1.0
 EVENT = struct.Struct("<IhBB")
 """An event of a Linux joystick: time [ms], value, type, number."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
@@ -139,12 +145,25 @@ class Twists:
         """`speed` [m/s] and `turn_rate` [rad/s] are the greatest."""
         self._speed, self._turn_rate = speed, turn_rate
         self._newest, self._until = RELEASED, -math.inf
+        self._change = RELEASED
+        self._reversals: deque[float] = deque(maxlen=MAX_REVERSALS + 1)
 
     def take(self, forward: float, turn_rate: float, arrived: float) -> None:
         """Take a message that arrived then [s, monotonic]: its speeds [m/s; rad/s]."""
         shares = (clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
-        self._newest = Share(*(one if abs(one) > MIN_TWIST_SHARE else 0.0 for one in shares))
-        self._until = arrived + TWIST_SECONDS
+        share = Share(*(one if abs(one) > MIN_TWIST_SHARE else 0.0 for one in shares))
+        change = Share(share.forward - self._newest.forward, share.turn - self._newest.turn)
+        if max(map(abs, change)) > REVERSAL_SHARE:
+            if change.forward * self._change.forward + change.turn * self._change.turn < 0.0:
+                self._reversals.append(arrived)
+            self._change = change
+        self._newest, self._until = share, arrived + TWIST_SECONDS
+
+    @property
+    def contradict(self) -> bool:
+        """Whether messages change back and forth faster than a hand, as those of two nodes do."""
+        first = self._reversals[0] if len(self._reversals) > MAX_REVERSALS else -math.inf
+        return bool(self._reversals) and self._reversals[-1] - first <= REVERSAL_SECONDS
 
     def velocity(self, now: float) -> Share:
         """Return the newest message's share while it counts at `now` [s, monotonic]."""

@@ -11,6 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from formation.deploy.driving import drive
 from formation.deploy.driving.inputs import (
@@ -176,6 +178,49 @@ def test_twist_without_finite_speed_ends_the_drive(monkeypatch: pytest.MonkeyPat
     with (
         drive._topic(options, Twists(0.2, 1.0)) as read,
         pytest.raises(drive.Ended, match=f"cmd_vel: .*speed is {speed}") as ended,
+    ):
+        read()
+    assert ended.value.code == 1
+
+
+@given(
+    st.floats(-1.0, 1.0),
+    st.floats(-1.0, 1.0),
+    st.floats(5.0, 100.0),
+    st.floats(5.0, 100.0),
+    st.floats(0.0, 0.2),
+)
+def test_two_contradicting_publishers_are_noticed_within_three_seconds(
+    first: float, second: float, rate: float, other_rate: float, late: float
+) -> None:
+    assume(abs(first - second) > 0.11)
+    samples = [(number / rate, first) for number in range(int(3 * rate))]
+    samples += [(late + number / other_rate, second) for number in range(int(3 * other_rate))]
+    twists, noticed = Twists(0.2, 1.0), False
+    for arrived, share in sorted(samples):
+        twists.take(0.2 * share, 0.0, arrived)
+        noticed |= twists.contradict
+    assert noticed
+
+
+@given(st.floats(0.5, 3.0), st.floats(0.1, 1.0), st.floats(5.0, 100.0), st.booleans())
+def test_quick_hand_contradicts_nobody(frequency: float, size: float, rate: float, switches: bool) -> None:
+    """A stick that goes to and fro up to three times a second, or a key pressed as often."""
+    twists = Twists(0.2, 1.0)
+    for number in range(int(5 * rate)):
+        wave = math.sin(math.tau * frequency * number / rate)
+        twists.take(0.2 * size * ((wave > 0.0) if switches else wave), 0.0, number / rate)
+        assert not twists.contradict
+
+
+def test_contradicting_publishers_end_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = [
+        Sample("cmd_vel", encode(Twist(speed, 0.0)), None, clock.monotonic()) for speed in (0.1, 0.0) * 6
+    ]
+    monkeypatch.setattr(drive, "listening", lambda *_: nullcontext(SimpleNamespace(drain=lambda: samples)))
+    with (
+        drive._topic(Namespace(ros="", topic="/cmd_vel", domain=0), Twists(0.2, 1.0)) as read,
+        pytest.raises(drive.Ended, match="cmd_vel: commands change back and forth") as ended,
     ):
         read()
     assert ended.value.code == 1
