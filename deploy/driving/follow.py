@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NoReturn
 
 import numpy as np
 
 from formation.deploy.arguments import add_links, number, parser, read_mission
+from formation.deploy.driving.navigation import Navigation
 from formation.deploy.driving.ros import add_router, listening, router, topic
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refusing
@@ -20,12 +21,13 @@ from formation.mission.model import Mission
 from formation.mission.route import Straight
 from formation.protocol.outcome import Outcome
 from formation.protocol.request import OperatorRequest
-from formation.ros2.messages import WORLD_FRAME, Path, Pose, decode
+from formation.ros2.messages import WORLD_FRAME, GoalStatuses, Path, Pose, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits
 from formation.transport import asking
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
+from formation.transport.runtime.clock import monotonic
 from formation.wire import BadMessage, Sample
 
 ANSWER_SECONDS = 3.0
@@ -36,12 +38,18 @@ MAX_WAYPOINTS = 300
 """Most points of a route; of a longer path those are left out that are closest to the line between others."""
 THINNING_TOLERANCE = 0.005
 """Least distance from that line within which points are left out [m]; doubled as often as needed."""
+EARLY_SECONDS = 0.5
+"""Age up to which a path counts that came before the status of its goal [s]: they are separate topics."""
+RETRY_SECONDS = 1.0
+"""Time after which a leader that did not obey is told again to stand [s]."""
 SPEED_SHARE = 0.6
 """Speed on the route by default, as a share of the greatest that followers can follow."""
 END = "to end it: formation order MISSION hold"
 EXAMPLES = """\
   formation follow convoy --goals /goal_pose         RViz: 2D Goal Pose
   formation follow convoy --paths /plan --speed 0.1  the path of Nav2's planner
+  formation follow convoy --paths /plan --action /navigate_to_pose
+                                                     also stand when the goal is canceled in Nav2
 
 Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path
 (nav_msgs/Path) a route along its points. Both must be in the frame map, the mission's world. The
@@ -50,9 +58,10 @@ from where it is. The answers of the leader are printed. A fleet that is held st
 `formation order MISSION run`. While a driver moves the leader by hand, and 1 s longer, it refuses
 goals and paths.
 
-The leader stands after a path without points, and after a goal or path that it cannot follow, until
-the next. It learns nothing of a goal that is cancelled in Nav2, or of the end of this command: order
-`hold`, or send a path without points.
+With --action, paths count only while that action works at a goal, and the leader stands when the goal
+is canceled or aborted. Without it, the leader learns nothing of that: order `hold`, or send a path
+without points. The leader also stands after a path without points, and after a goal or path that it
+cannot follow, until the next. It learns nothing of the end of this command.
 
 Exit code 130: interrupted; 2: nothing was started.
 """
@@ -65,15 +74,18 @@ def main(arguments: Sequence[str]) -> int:
     topics = tuple(topic for topic in (options.goals, options.paths) if topic)
     if not topics:
         raise Refusal("name what to follow: --goals TOPIC, --paths TOPIC, or both")
+    if options.action and not options.paths:
+        raise Refusal("--action is of use with --paths only")
+    statuses = f"{options.action.strip('/')}/_action/status" if options.action else None
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
     with refusing(ValueError):
         intent.request_for(mission, "speed", speed=speed, degrees=0.0)
     with (
         refusing(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
-        listening(*router(options), topics) as ros,
+        listening(*router(options), (*topics, *([statuses] if statuses else ()))) as ros,
     ):
-        follower = Follower(partial(_give, bus, mission), mission, options.paths, speed)
+        follower = Follower(partial(_give, bus, mission), mission, options.paths, speed, statuses)
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         try:
             _follow(ros, follower)
@@ -87,8 +99,9 @@ def _follow(ros: Bus, follower: Follower) -> NoReturn:
     while True:
         ros.wait(PERIOD_SECONDS)
         samples = ros.drain()
+        for words in follower.take_all(samples):
+            print(words, flush=True)
         if samples:
-            print(follower.take(samples[-1]), flush=True)
             time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
 
 
@@ -96,12 +109,56 @@ class Follower:
     """Orders a route for each goal or path."""
 
     def __init__(
-        self, give: Callable[[OperatorRequest], Outcome], mission: Mission, paths: str | None, speed: float
+        self,
+        give: Callable[[OperatorRequest], Outcome],
+        mission: Mission,
+        paths: str | None,
+        speed: float,
+        statuses: str | None = None,
     ) -> None:
-        """`give` sends a request and awaits the answers; `paths` is the topic of paths; `speed` in m/s."""
-        self._give, self._mission, self._paths, self._speed = give, mission, paths, speed
+        """`give` sends a request and awaits the answers; `speed` in m/s.
+
+        `paths` is the topic of paths, `statuses` that of the action that works at their goals.
+        """
+        self._give, self._mission, self._speed = give, mission, speed
+        self._paths = paths.strip("/") if paths else None
+        self._statuses, self._navigation = statuses, Navigation()
+        self._early: Sample | None = None
+        """A path that came before its goal was active."""
+        self._why, self._retry_at = "", 0.0
+        """Why the leader must stand that did not obey, and when it is told again [s, monotonic]."""
         self.follows = False
         """Whether the leader may be on a route from here."""
+
+    def take_all(self, samples: Sequence[Sample]) -> Iterator[str]:
+        """Take messages: every status, and of goals and paths the newest. Yields the answers in words."""
+        newest = None
+        for sample in samples:
+            if sample.key != self._statuses:
+                newest = sample
+            elif words := self._take_status(sample):
+                yield words
+        early, self._early = self._early, None
+        if newest is None and early is not None and monotonic() - early.arrived < EARLY_SECONDS:
+            newest = early
+        if newest is not None and (
+            self._navigation.active or newest.key != self._paths or not self._statuses
+        ):
+            yield self.take(newest)
+        elif newest is not None:
+            if newest is not early:
+                yield f"{newest.key}: not followed, as no goal is active by {self._statuses}"
+            self._early = newest
+        if self._why and monotonic() >= self._retry_at:
+            yield self._stand(self._why)
+
+    def _take_status(self, sample: Sample) -> str:
+        """Take a message of the action; return what follows from it, in words."""
+        try:
+            ended = self._navigation.take(decode(GoalStatuses, sample.payload))
+        except BadMessage as error:
+            return self._stand(f"{sample.key}: {error}")
+        return self._stand(f"{sample.key}: the goal was {ended}") if ended else ""
 
     def take(self, sample: Sample) -> str:
         """Order the route of one message; return the answers in words."""
@@ -114,11 +171,11 @@ class Follower:
         words = (
             f"{sample.key}: to x = {points[-1].real:.2f} m, y = {points[-1].imag:.2f} m\n{outcome.words()}"
         )
-        if any(answer.reply.code == "driven" for answer in outcome.answers.values()):
+        if _driven(outcome):
             return words
         if outcome.refused:
             return self._stand(words)
-        self.follows = True
+        self.follows, self._why = True, ""
         return words
 
     def _stand(self, why: str) -> str:
@@ -126,9 +183,18 @@ class Follower:
         if not self.follows:
             return why
         outcome = self._give(standing(self._mission))
-        self.follows = not outcome.obeyed
-        then = "the leader stands until the next goal or path"
-        return f"{why}\n  {then if outcome.obeyed else f'NOT STOPPED: {outcome.summary()}'}"
+        if outcome.obeyed:
+            then = "the leader stands until the next goal or path"
+        else:
+            then = "it is driven by hand" if _driven(outcome) else f"NOT STOPPED: {outcome.summary()}"
+        self.follows = not (outcome.obeyed or _driven(outcome))
+        self._why, self._retry_at = why if self.follows else "", monotonic() + RETRY_SECONDS
+        return f"{why}\n  {then}"
+
+
+def _driven(outcome: Outcome) -> bool:
+    """Whether the leader refuses because it is driven by hand: it is on no route then."""
+    return any(answer.reply.code == "driven" for answer in outcome.answers.values())
 
 
 def waypoints(sample: Sample, paths: str | None) -> list[complex]:
@@ -196,6 +262,12 @@ def _options() -> argparse.ArgumentParser:
         "--goals", type=topic, metavar="TOPIC", help="geometry_msgs/PoseStamped, such as /goal_pose"
     )
     options.add_argument("--paths", type=topic, metavar="TOPIC", help="nav_msgs/Path, such as /plan")
+    options.add_argument(
+        "--action",
+        type=topic,
+        metavar="ACTION",
+        help="stand when its goal is canceled or aborted, such as /navigate_to_pose; needs --paths",
+    )
     options.add_argument(
         "--speed",
         type=number(0.0, 100.0, open_below=True),

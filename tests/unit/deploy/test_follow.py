@@ -20,13 +20,15 @@ from formation.deploy.driving.follow import (
     thinned,
     waypoints,
 )
+from formation.deploy.driving.navigation import Navigation
 from formation.deploy.refusal import Refusal
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load
 from formation.mission.route import Straight, Waypoints
 from formation.protocol.outcome import Answer, Outcome
 from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode
-from formation.ros2.messages import Message, Path, Pose, encode
+from formation.ros2.goal_status import GoalStatus
+from formation.ros2.messages import GoalStatuses, Message, Path, Pose, encode
 from formation.transport import asking
 from formation.wire import BadMessage, Sample
 
@@ -193,3 +195,118 @@ def test_empty_path_and_excessive_speed_are_refused() -> None:
 def test_follow_refuses_call_without_goals_or_path() -> None:
     with pytest.raises(Refusal, match="--goals TOPIC"):
         follow.main(["convoy"])
+
+
+GOAL, NEXT_GOAL = bytes(16), bytes([1] * 16)
+STATUSES = "navigate_to_pose/_action/status"
+PATH = Path(1.0, (0j, 1.0 - 2j))
+
+
+def status(*statuses: tuple[bytes, GoalStatus]) -> Sample:
+    return Sample(STATUSES, encode(GoalStatuses(statuses)), None, 0.0)
+
+
+def path(arrived: float = 0.0) -> Sample:
+    return Sample("plan", encode(PATH), None, arrived)
+
+
+def navigated(leader: Leader) -> Follower:
+    """A follower whose leader is on a path, as GOAL is active."""
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
+    list(follower.take_all([status((GOAL, GoalStatus.EXECUTING)), path()]))
+    assert follower.follows
+    return follower
+
+
+@pytest.mark.parametrize("ended", [GoalStatus.CANCELING, GoalStatus.CANCELED, GoalStatus.ABORTED])
+def test_leader_stands_after_goal_is_canceled(ended: GoalStatus) -> None:
+    leader = Leader()
+    follower = navigated(leader)
+    (words,) = follower.take_all([status((GOAL, ended))])
+    assert f"the goal was {ended.name.lower()}\n  the leader stands" in words
+    assert leader.requests[-1].legs == standing(CONVOY).legs
+    late = [status((GOAL, GoalStatus.EXECUTING)), path()]  # a repeated message: the goal stays ended
+    (words,) = follower.take_all(late)
+    assert "plan: not followed, as no goal is active" in words
+    assert len(leader.requests) == 2
+
+
+def test_goal_that_action_forgets_stops_leader() -> None:
+    leader = Leader()
+    (words,) = navigated(leader).take_all([status()])
+    assert "the goal was unknown\n  the leader stands" in words
+
+
+@pytest.mark.parametrize("next_status", [GoalStatus.SUCCEEDED, GoalStatus.ABORTED])
+def test_leader_goes_on_after_success_or_with_next_goal(next_status: GoalStatus) -> None:
+    leader = Leader()
+    follower = navigated(leader)
+    preempted = [(GOAL, next_status)]
+    if next_status is GoalStatus.ABORTED:
+        preempted.append((NEXT_GOAL, GoalStatus.ACCEPTED))
+    assert not list(follower.take_all([status(*preempted)]))
+    assert len(leader.requests) == 1
+
+
+def test_path_just_before_its_goal_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(follow, "monotonic", lambda: now)
+    leader = Leader()
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
+    for arrived, followed in ((now, True), (now - 0.6, False)):
+        goal = bytes([len(leader.requests) + 1] * 16)
+        (words,) = follower.take_all([path(arrived)])
+        assert "not followed" in words
+        assert len(list(follower.take_all([status((goal, GoalStatus.ACCEPTED))]))) == followed
+        list(follower.take_all([status((goal, GoalStatus.SUCCEEDED))]))
+    assert len(leader.requests) == 1
+
+
+def test_leader_that_does_not_obey_is_told_again_to_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(follow, "monotonic", lambda: now)
+    leader = Leader()
+    follower = navigated(leader)
+    leader.refuses = [True]
+    (words,) = follower.take_all([status((GOAL, GoalStatus.CANCELED))])
+    assert "the goal was canceled\n  NOT STOPPED" in words
+    assert not list(follower.take_all([]))
+    now += 1.0
+    (words,) = follower.take_all([])
+    assert "the goal was canceled\n  the leader stands" in words
+    now += 1.0
+    assert not list(follower.take_all([]))
+
+
+def test_invalid_status_stops_leader() -> None:
+    leader = Leader()
+    follower = navigated(leader)
+    (words,) = follower.take_all([Sample(STATUSES, encode(PATH), None, 0.0)])
+    assert f"{STATUSES}: action_msgs/msg/GoalStatusArray: " in words
+    assert "the leader stands" in words
+
+
+def test_goals_count_without_active_action() -> None:
+    leader = Leader()
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
+    goal = Sample("goal_pose", encode(Pose(1.0, 1.0 + 0j, 1j)), None, 0.0)
+    (words,) = follower.take_all([path(), goal])
+    assert "goal_pose: to x = 1.00 m" in words
+
+
+@given(st.lists(st.dictionaries(st.sampled_from([GOAL, NEXT_GOAL]), st.sampled_from(GoalStatus))))
+def test_ended_goal_is_never_active_again(messages: list[dict[bytes, GoalStatus]]) -> None:
+    navigation, seen, ended = Navigation(), set[bytes](), set[bytes]()
+    for message in messages:
+        navigation.take(GoalStatuses(tuple(message.items())))
+        running = {
+            goal for goal, one in message.items() if one in {GoalStatus.ACCEPTED, GoalStatus.EXECUTING}
+        }
+        seen |= message.keys()
+        ended |= seen - running
+        assert navigation.active == bool(running - ended)
+
+
+def test_follow_refuses_action_without_paths() -> None:
+    with pytest.raises(Refusal, match="--action is of use with --paths only"):
+        follow.main(["convoy", "--goals", "/goal_pose", "--action", "/navigate_to_pose"])
