@@ -86,7 +86,8 @@ def main(arguments: Sequence[str]) -> int:
         listening(*router(options), (*topics, *([statuses] if statuses else ()))) as ros,
     ):
         follower = Follower(partial(_give, bus, mission), mission, options.paths, speed, statuses)
-        print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
+        when = f", paths while {options.action} works at a goal" if options.action else ""
+        print(f"formation: following {', '.join(topics)}{when}", file=sys.stderr, flush=True)
         try:
             _follow(ros, follower)
         finally:

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import GoalStatuses
 
 ACTIVE = frozenset({GoalStatus.ACCEPTED, GoalStatus.EXECUTING})
+ENDS = MappingProxyType(
+    {
+        GoalStatus.UNKNOWN: "forgotten",
+        GoalStatus.CANCELING: "canceled",
+        GoalStatus.CANCELED: "canceled",
+        GoalStatus.ABORTED: "aborted",
+    }
+)
+"""How a goal ended, for people."""
 MAX_ENDED_GOALS = 1000
 """Most goals that are remembered as ended; the oldest are forgotten."""
 
@@ -23,7 +34,10 @@ class Navigation:
         return bool(self._active)
 
     def take(self, statuses: GoalStatuses) -> str:
-        """Take a message; return how the last active goal ended, if it did and not by success."""
+        """Take a message; return how the last active goals ended, if they did and not by success.
+
+        A goal that the action no longer lists has ended.
+        """
         now = dict(statuses.statuses)
         before = self._active
         self._active = frozenset(
@@ -33,7 +47,5 @@ class Navigation:
         self._ended |= dict.fromkeys([*lost, *(goal for goal, status in now.items() if status not in ACTIVE)])
         for goal in list(self._ended)[:-MAX_ENDED_GOALS]:
             del self._ended[goal]
-        found = {now.get(goal, GoalStatus.UNKNOWN) for goal in lost}
-        if self._active or found <= {GoalStatus.SUCCEEDED}:
-            return ""
-        return " and ".join(sorted(one.name.lower() for one in found))
+        found = {now.get(goal, GoalStatus.UNKNOWN) for goal in lost} - {GoalStatus.SUCCEEDED}
+        return "" if self._active else " and ".join(sorted({ENDS[status] for status in found}))
