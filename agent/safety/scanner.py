@@ -186,7 +186,7 @@ class Scanner:
     def commanded(self, moment: float, command: Command) -> None:
         """Store a command of `moment` [s, monotonic], where only commands tell how the robot moves.
 
-        Its wheels are assumed to follow with the mission's lag. Wheels that lag less have less way to go.
+        Its wheels are assumed to follow with the mission's lag. Wheels that lag less need less distance.
         """
         self._follow(moment)
         if self.state.commanded is None:

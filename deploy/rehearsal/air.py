@@ -94,9 +94,9 @@ class Air:
                 one.delay + one.jitter * chance() + one.growth * (self._now() - one.since)
                 for one in disturbed
             )
-            way = self._hop(sender, receiver, chance()) + extra + queue
-            yield way
-            yield from (way + one.again for one in disturbed if one.again > 0.0)
+            duration = self._hop(sender, receiver, chance()) + extra + queue
+            yield duration
+            yield from (duration + one.again for one in disturbed if one.again > 0.0)
 
     def _hop(self, sender: str, receiver: str, chance: float) -> float:
         """Return the delay without faults [s], after that of the message before."""

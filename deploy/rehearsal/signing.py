@@ -77,7 +77,7 @@ class Keys:
 
 
 class Insider:
-    """Forges the orders that one robot relays, in one way after the other."""
+    """Forges the orders that one robot relays, in each known way in turn."""
 
     def __init__(self, mission: Mission, name: str, keys: Keys) -> None:
         self._mission, self._key, self._own = mission, POSITION.key(name), keys.signer(name)

@@ -25,7 +25,7 @@ from formation.control.unicycle import Command
 from formation.mission import rules as mission_rules
 from formation.mission.graph import Graph, cyclic_core
 from formation.mission.robot import Post, RobotDefaults, RobotSpec, SimulatedScanner, Wall
-from formation.mission.route import MIN_WAY_LENGTH, Leg, Waypoints
+from formation.mission.route import MIN_LEG_LENGTH, Leg, Waypoints
 from formation.mission.tables import Endpoint, Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
 TAG_CHARS = 8
@@ -377,8 +377,8 @@ class Mission(Table):
         """The leader's first direction: what followers first believe their heading to be."""
         first = self.route[0]
         if isinstance(first, Waypoints):
-            way = complex(*first.waypoints[0]) - self.robots[self.leader].start.position
-            return way / abs(way) if abs(way) > MIN_WAY_LENGTH else self.robots[self.leader].start.heading
+            leg = complex(*first.waypoints[0]) - self.robots[self.leader].start.position
+            return leg / abs(leg) if abs(leg) > MIN_LEG_LENGTH else self.robots[self.leader].start.heading
         if first.heading_deg is None:
             return self.robots[self.leader].start.heading
         return cmath.rect(1.0, math.radians(first.heading_deg))

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from formation.mission.model import Mission
 
 
-MIN_WAY_LENGTH = 1e-6
-"""Distance up to which a waypoint counts as reached [m]: the direction of a shorter way is rounding error."""
+MIN_LEG_LENGTH = 1e-6
+"""Distance up to which a waypoint counts as reached [m]: the direction to a nearer one is rounding error."""
 MovingSpeed = Annotated[float, Field(ge=1e-6, le=1e9)]
 """[m/s]; slower legs take longer than a float can tell."""
 
@@ -192,8 +192,8 @@ def _arcs_of_leg(leg: Leg, position: complex, heading: complex) -> Iterator[Arc]
         yield Arc(position, heading, leg.speed, turn_rate, math.inf if leg.duration is None else leg.duration)
         return
     for x, y in leg.waypoints:
-        way = complex(x, y) - position
-        distance = abs(way)
-        if distance > MIN_WAY_LENGTH:  # a waypoint where the leader already is asks for nothing
-            yield Arc(position, way / distance, leg.speed, 0.0, distance / leg.speed)
+        step = complex(x, y) - position
+        distance = abs(step)
+        if distance > MIN_LEG_LENGTH:  # a waypoint where the leader already is asks for nothing
+            yield Arc(position, step / distance, leg.speed, 0.0, distance / leg.speed)
             position = complex(x, y)

@@ -94,8 +94,8 @@ class Motion(Steady):
 
 
 def _moved(steady: Steady, time: float) -> complex:
-    way, _ = along(0j, complex(steady.x, steady.y), time, steady.turn_rate * time)
-    return way
+    displacement, _ = along(0j, complex(steady.x, steady.y), time, steady.turn_rate * time)
+    return displacement
 
 
 class Tuned(JsonMessage):

@@ -111,18 +111,18 @@ def _meet_disc(found: list[float], centre: complex, radius: float) -> None:
 
 def _meet_wall(found: list[float], begin: complex, end: complex) -> None:
     """Shorten the beams that meet a wall [scanner's frame]."""
-    way = end - begin
+    wall = end - begin
     turn = begin.real * end.imag - begin.imag * end.real
     if turn == 0.0:  # from its end it is no wider than a beam
         return
     if turn < 0.0:
-        begin, way, turn = end, -way, -turn
+        begin, wall, turn = end, -wall, -turn
     first = math.atan2(begin.imag, begin.real)
-    far = (begin + way) * begin.conjugate()
+    far = (begin + wall) * begin.conjugate()
     rays = _rays(len(found))
     for number in _between(first, first + math.atan2(far.imag, far.real), len(found)):
         ray = rays[number]
-        across = ray.real * way.imag - ray.imag * way.real
+        across = ray.real * wall.imag - ray.imag * wall.real
         if across > 0.0:
             found[number] = min(found[number], turn / across)
 

@@ -41,7 +41,7 @@ class Room(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """The free way between two slots for a third robot."""
+    """The free space between two slots for a third robot."""
 
     needed: float
     """Least distance between the slots [m]."""
@@ -161,7 +161,7 @@ def _narrow(mission: Mission, shape: str) -> Iterator[Gap]:
 
 
 def _width(mission: Mission, name: str, pair: set[str]) -> float:
-    """Free way that a robot needs between a pair of bodies [m]; 0 if it does not avoid both."""
+    """Free space that a robot needs between a pair of bodies [m]; 0 if it does not avoid both."""
     me = mission.robots[name]
     margin = mission.collisions.room
     if name in pair:
@@ -215,7 +215,7 @@ def starts(mission: Mission) -> Iterator[str]:
         if me.heading == "measured" or me.measurement == "local":
             continue
         sharper = HEADING_GAIN_RATIO if me.localisation == "odometry" else 1.0
-        learning = _learning_way(sharper * mission.law.observer_gain, mission.collisions.noise)
+        learning = _learning_distance(sharper * mission.law.observer_gain, mission.collisions.noise)
         needed = mission.collisions.blind + 2.0 * learning
         for other in mission.avoided_by(name):
             spec = mission.robots[other]
@@ -232,7 +232,7 @@ def starts(mission: Mission) -> Iterator[str]:
     )
 
 
-def _learning_way(gain: float, noise: float) -> float:
+def _learning_distance(gain: float, noise: float) -> float:
     """Distance after which a robot knows on which side of it another robot is [m]."""
     distance = 0.0
     while heading_doubt(distance, gain, noise) >= 0.5 * math.pi:

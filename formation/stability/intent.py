@@ -71,7 +71,7 @@ def refusal(
     mission: Mission,
     request: OperatorRequest,
     placed_shape: PlacedShape | None = None,
-    way: Sequence[PlacedShape] = (),
+    transition: Sequence[PlacedShape] = (),
     legs: Sequence[Leg] | None = None,
     gains: Tuned | None = None,
     place: complex | None = None,
@@ -79,8 +79,8 @@ def refusal(
     """Why `request` cannot be done, in one sentence with the legal values; None if it can.
 
     `placed_shape` is the wanted one, its rotation as an order has it (with ``turning`` from
-    the leader's heading); None if unknown, and then only what no shape makes possible is refused. `way`
-    is the transition from the present shape; by default a straight one from `placed_shape`. `legs` is the
+    the leader's heading); None if unknown, and then only what no shape makes possible is refused.
+    `transition` leads from the present shape; by default it is straight, from `placed_shape`. `legs` is the
     leader's route, by default the mission's. `gains` are those that `tuned` gives, or for a speed or a route
     those in force; None if unknown.
     `place` is the leader's position [m; world frame]; None if unknown, and then the bounds are not
@@ -98,11 +98,11 @@ def refusal(
     wanted = None if placed_shape is None else wish(request, placed_shape)
     if placed_shape is None or wanted is None:
         return _small_in_any_shape(mission, request.factor) if placed_shape is None else None
-    way = way or straight(placed_shape, wanted)
+    transition = transition or straight(placed_shape, wanted)
     return (
         _touches(mission, wanted)
-        or (None if place is None else Geofence(mission).refusal(way, place))
-        or _touches_on_the_way(mission, way)
+        or (None if place is None else Geofence(mission).refusal(transition, place))
+        or _touches_during(mission, transition)
         or swings_too_fast(mission, wanted, mission.route if legs is None else legs)
     )
 
@@ -265,12 +265,12 @@ def _touches(mission: Mission, placed_shape: PlacedShape) -> str | None:
     return None if closest is None or closest.need < 1.0 else closest.touch("", placed_shape.scale)
 
 
-def _touches_on_the_way(mission: Mission, way: Sequence[PlacedShape]) -> str | None:
+def _touches_during(mission: Mission, transition: Sequence[PlacedShape]) -> str | None:
     """Why slots touch during a transition; those that touch at its start may move apart."""
-    first = _closest(mission, way[0])
+    first = _closest(mission, transition[0])
     before = 1.0 if first is None else max(1.0, first.need)
     worst: tuple[_Pair, PlacedShape] | None = None
-    for placed_shape, after in pairwise(way):
+    for placed_shape, after in pairwise(transition):
         closest = _closest(mission, placed_shape, after)
         if closest is None or closest == first or closest.need < before:
             continue

@@ -244,10 +244,10 @@ def _post(at: complex, radius: float) -> str:
 
 
 def _wall(begin: complex, end: complex) -> str:
-    middle, way = 0.5 * (begin + end), end - begin
+    middle, span = 0.5 * (begin + end), end - begin
     return (
         f'<geom class="body" type="box" rgba="0.5 0.5 0.5 1" pos="{middle.real} {middle.imag} {HEIGHT / 2}"'
-        f' size="{abs(way) / 2} {THICKNESS / 2} {HEIGHT / 2}" quat="{_quaternion(way)}"/>'
+        f' size="{abs(span) / 2} {THICKNESS / 2} {HEIGHT / 2}" quat="{_quaternion(span)}"/>'
     )
 
 

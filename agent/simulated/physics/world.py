@@ -189,10 +189,10 @@ class World:
         """Update odometry: arcs as long as the ticks of nominal wheels, curved as the gyroscopes say."""
         ticks = np.floor(self.data.qpos[self._angles] * (TICKS_PER_TURN / (2.0 * np.pi)))
         left, right = (ticks - self._ticks).T
-        way = 0.5 * (left + right) * (2.0 * np.pi / TICKS_PER_TURN) * self._wheel_radius
+        distance = 0.5 * (left + right) * (2.0 * np.pi / TICKS_PER_TURN) * self._wheel_radius
         self._ticks = ticks
         turn = np.exp(0.5j * STEP_TIME * (self.data.qvel[self._turns] + self._bias))
-        self._counted += way * turn * self._facing
+        self._counted += distance * turn * self._facing
         self._facing *= turn * turn
 
     def _heading(self, number: int) -> complex:

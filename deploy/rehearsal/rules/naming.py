@@ -27,12 +27,12 @@ START_TIME = 1.0
 """Faults that begin earlier are not judged: agents are just starting [s]."""
 STEP_TIME = 0.1
 """Longest time between two steps of an agent that receives its robot [s]."""
-FROZEN_WAY, FROZEN_TIME = 0.8, 2.0
-"""Way [m] and time [s] with a sensor that repeats what it measured, after which a robot must have noticed."""
-SPEEDS_WAY, MAX_SPEEDS_SIZE = 0.8, 0.3
-"""Way [m] after which odometry must be doubted that reports at most this share of its speeds."""
-CARRIED_WAY, MAX_CARRIED_SIZE, REST_TIME = 0.4, 0.3, 1.5
-"""Way [m] of a robot that is carried, at most so fast [m/s], and that stood for so long before [s]."""
+FROZEN_MIN_DISTANCE, FROZEN_TIME = 0.8, 2.0
+"""Distance [m] and time [s] after which a robot must have noticed a sensor that repeats its measurement."""
+SPEEDS_MIN_DISTANCE, MAX_SPEEDS_SIZE = 0.8, 0.3
+"""Distance [m] after which odometry must be doubted that reports at most this share of its speeds."""
+CARRIED_MIN_DISTANCE, MAX_CARRIED_SIZE, REST_TIME = 0.4, 0.3, 1.5
+"""Distance [m] of a robot that is carried, at most so fast [m/s], and that stood for so long before [s]."""
 NAMING_TIME = 0.3
 """Time after a freeze within which an agent says that it was frozen [s]."""
 MAX_UNCOUNTED = 3
@@ -81,8 +81,10 @@ class Naming:
         if self._is_hidden(fault, agent, now):
             self._began.pop(fault, None)
             return False
-        least = {"speeds": SPEEDS_WAY, "carried": CARRIED_WAY}.get(fault.kind, FROZEN_WAY)
-        return self._way(fault) > least
+        least = {"speeds": SPEEDS_MIN_DISTANCE, "carried": CARRIED_MIN_DISTANCE}.get(
+            fault.kind, FROZEN_MIN_DISTANCE
+        )
+        return self._distance(fault) > least
 
     def _is_hidden(self, fault: Fault, agent: Agent, now: float) -> bool:
         """Whether a fault need not show at present."""
@@ -100,7 +102,7 @@ class Naming:
                 return moves or abs(fault.size) > MAX_CARRIED_SIZE
         return True
 
-    def _way(self, fault: Fault) -> float:
+    def _distance(self, fault: Fault) -> float:
         """Distance of a robot from where it was when its fault was judged first [m]."""
         world, _ = self._fleet.robots[fault.robot]
         here = world.plant(fault.robot).position

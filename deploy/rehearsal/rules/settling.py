@@ -32,7 +32,7 @@ RECOVERY_TIME = 60.0
 RECOVERY_TIME_AMONG_OBSTACLES = 120.0
 """The same among posts and walls: a robot that held for long drives around them before it catches up [s]."""
 MIN_SETTLING_TIME, SETTLING_FACTOR = 10.0, 4.0
-"""Without faults: at least this time [s], and by how much longer than the longest way at top speed takes."""
+"""Without faults: at least this time [s], and by how much longer than the longest path at top speed takes."""
 
 
 class Settling:
@@ -104,7 +104,7 @@ class Settling:
 
 
 def _settling_time(mission: Mission) -> float:
-    """Time in which the formation settles without any fault [s], from the longest way of a robot."""
+    """Time in which the formation settles without any fault [s], from the longest path of a robot."""
     shape, leader = PlacedShape(((mission.first_shape, 1.0),), 0.0, 1.0), mission.robots[mission.leader].start
     longest = max(
         abs(spec.start.position - leader.position - shape.slot(mission, name)) / spec.max_speed
