@@ -379,7 +379,7 @@ class Leader:
         self._obeyed_by.clear()
         self._sure_at = math.inf if self._newest is None or self.candidacy.unread else now.mono
         if self._newest is not None:
-            self._continue(self._newest, under_way=self._under_way(now))
+            self._continue(self._newest, now, under_way=self._under_way(now))
         if self.candidacy.unread:
             self.plan.team_mode.doubt()
         self.operator_requests.goes_on(now.mono)
@@ -393,11 +393,11 @@ class Leader:
         """Return whether the beat of the newest order rose a moment ago, so that its leader may have led."""
         return not self._newest_stale and now.mono - self._newest_rose <= expiry(self.mission)
 
-    def _continue(self, newest: Order, *, under_way: bool) -> None:
+    def _continue(self, newest: Order, now: Now, *, under_way: bool) -> None:
         if self._anew and self._terms_led == 1:
             self.plan.team_mode.inherit_stop(newest)
         else:
-            self.plan.restore(newest, under_way=under_way)
+            self.plan.restore(newest, under_way=under_way, mono=now.mono)
 
     def _catch_up(self, now: Now) -> bool:
         """Resume the fleet's earlier order if links came up only after listening; return whether it did."""
@@ -405,7 +405,7 @@ class Leader:
         if late is None or not self._leads:
             return False
         newest, stale = late
-        self._continue(newest, under_way=not stale)
+        self._continue(newest, now, under_way=not stale)
         self.operator_requests.goes_on(now.mono)
         self._stepped = None
         self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")

@@ -72,8 +72,11 @@ class _Known:
 class Driver:
     """The driver of one leader: its newest accepted velocity, and until when that counts."""
 
-    def __init__(self, publisher_id: str = "") -> None:
-        """`publisher_id`: of the leader's process, from which the first token follows."""
+    def __init__(self, publisher_id: str = "", moved: float = -math.inf) -> None:
+        """`publisher_id`: of the leader's process, from which the first token follows.
+
+        `moved`: when an earlier leader may have been driven last [s, monotonic].
+        """
         self.name = ""
         """Id of the driver; empty before the first."""
         self.wanted = STANDS
@@ -83,7 +86,7 @@ class Driver:
         """When it expires [s, monotonic]."""
         self._first = crc32(publisher_id.encode())
         self._ended = False  # whether a route was ordered, and no driver has taken the leader from it
-        self._moved = -math.inf  # when a velocity counted last that was not zero [s, monotonic]
+        self._moved = moved  # when a velocity counted last that was not zero [s, monotonic]
         self._known: dict[str, _Known] = {}  # by id, the one that was heard last at the end
 
     def token(self, moment: float) -> int:

@@ -291,15 +291,15 @@ class Plan:
         self.route, self.team_mode.lost = route, None
         return True
 
-    def restore(self, order: Order, *, under_way: bool = True) -> None:
-        """Go on from another leader's last order; `under_way`: its beat rose a moment ago."""
+    def restore(self, order: Order, *, under_way: bool = True, mono: float = -math.inf) -> None:
+        """Go on at `mono` [s] from another leader's last order; `under_way`: its beat rose a moment ago."""
         self.team_mode.restore(order, under_way=under_way)
         self.route_time, self.team_mode.lost, self.fenced = order.time, None, None
         if order.driven and order.place is not None:
             at, heading = complex(order.place.x, order.place.y), cmath.rect(1.0, order.place.heading)
             self.route, self.route_time = NamedRoute.driven(at, heading, 0.0, 0.0), 0.0
             self._driven_time = order.time
-            self.driver = Driver(self._publisher_id)
+            self.driver = Driver(self._publisher_id, mono)
             self._restore_shape(order)
             return
         self.driver.end()
@@ -356,7 +356,8 @@ class Plan:
         if request.do in MOTION:
             return self.team_mode.change(request, fact)
         if request.joins and self.driven and self.driver.drives(received):
-            why = f"{self.driver.name} drives by hand; goals and paths count {IDLE_SECONDS:g} s later"
+            driver = self.driver.name or "a driver"
+            why = f"{driver} drives by hand; goals and paths count {IDLE_SECONDS:g} s later"
             return Result(ok=False, reason=why, code="driven")
         if request.do in {"speed", "route"}:
             return Result(*self._set_out(request))

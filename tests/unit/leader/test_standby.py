@@ -7,11 +7,12 @@ from typing import Any, Literal
 import pytest
 
 from formation.leader.core import Leader
+from formation.leader.driving import IDLE_SECONDS
 from formation.mission.file import parse
 from formation.mission.model import Mission
 from formation.protocol import json_message
 from formation.protocol.attachment import Ballot
-from formation.protocol.order import Order
+from formation.protocol.order import DRIVEN_ROUTE, Order, Place
 from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
 from formation.wire import Now, Outgoing
@@ -63,6 +64,19 @@ def test_listening_candidate_accepts_only_stop_and_hold(mission: Mission) -> Non
     assert ask(leader, "run").reason == "has just started: ask again in a second"
     assert ask(leader, "hold").ok
     assert ask(leader, "stop").ok
+
+
+def test_path_after_takeover_of_a_drive_waits_as_after_a_drive(mission: Mission) -> None:
+    """The driver may still hold the stick, which moves the next leader only after a release."""
+    standby = Leader(mission, "cat")
+    place = Place(x=1.0, y=0.0, heading=0.0)
+    newest = Order(term=TERM, beat=9, mode="run", shape="line", route=DRIVEN_ROUTE, place=place, driven=True)
+    mono, _ = elected(standby, 0.0, newest)
+    path = '{"do":"route","joins":true,"legs":[{"waypoints":[[3.0,0.0]],"speed":0.1}]}'
+    reply = ask(standby, path, mono + 0.9 * IDLE_SECONDS)
+    assert (reply.ok, reply.code) == (False, "driven")
+    assert reply.reason.startswith("a driver drives by hand")
+    assert ask(standby, path, mono + 1.1 * IDLE_SECONDS).ok
 
 
 @pytest.mark.parametrize(("mine", "others"), [("hold", "run"), ("run", "hold")])
