@@ -80,5 +80,6 @@ class Remote:
                 continue
             other = self.state.reply is None or reply.robot != self.state.reply.robot
             anew = self._token - reply.token > MAX_TOKEN_LAG  # of a leader that was restarted
-            self._token = reply.token if other or anew else max(self._token, reply.token)
+            if reply.token:  # one of another mission gives none; with 0 this would be a driver that begins
+                self._token = reply.token if other or anew else max(self._token, reply.token)
             self.state = State(reply, now, now - sent)

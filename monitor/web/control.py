@@ -233,9 +233,9 @@ class Operator:
     def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
         """Send a driver's velocity, in shares of the greatest from -1 to 1; return the leader's answer.
 
-        The answer has ``ok``, ``reason``, ``code``, ``mode``, and the ``token`` for the next one, see
-        `formation.leader.driving`. `driver` is the id of the page. Raises ValueError, or Overruled for a
-        velocity other than zero against a stop or a hold, as for an order.
+        The answer has ``ok``, ``reason``, ``code``, ``mode``, and the ``token`` for the next one (the same
+        if no leader gives one), see `formation.leader.driving`. `driver` is the id of the page. Raises
+        ValueError, or Overruled for a velocity other than zero against a stop or a hold, as for an order.
         """
         if forward or turn:
             with self._lock:
@@ -256,8 +256,10 @@ class Operator:
             ) from None
         answer = asking.drive(self._question, self._mission, request, DRIVE_TIMEOUT_SECONDS)
         if answer is None:
-            return {"ok": False, "reason": "no leader answers", "code": "", "mode": "", "token": 0}
-        return answer.model_dump(include={"ok", "reason", "code", "mode", "token"})
+            return {"ok": False, "reason": "no leader answers", "code": "", "mode": "", "token": token}
+        # with token 0 the next one would count as that of a driver that begins, and need not let go
+        fields = answer.model_dump(include={"ok", "reason", "code", "mode", "token"})
+        return fields | {"token": answer.token or token}
 
     def _question(self, key: str, payload: bytes, timeout: float) -> asking.Question:
         with self._lock:

@@ -136,6 +136,25 @@ def test_orders_change_modes_and_shape(operator: Operator, team: Team) -> None:
     assert (team.leader_mode(), set(team.latch_modes().values())) == ("run", {None})
 
 
+def test_held_pad_does_not_move_next_leader(operator: Operator, team: Team) -> None:
+    def drive(forward: float) -> None:
+        answer = operator.drive(driver="page-1", forward=forward, turn=0.0, token=tokens[-1])
+        tokens.append(answer["token"])
+
+    tokens, team.leader = [0], leading(SIX, publisher_id="first")
+    drive(1.0)
+    drive(1.0)
+    assert team.leader.plan.driven
+    team.away = {SIX.leader}
+    drive(1.0)  # no leader answers
+    team.away = set()
+    order, team.leader = team.leader.plan.order(1, 5, "run"), leading(SIX, publisher_id="next")
+    team.leader.plan.restore(order)
+    for _ in range(3):
+        drive(1.0)
+        assert not team.leader.plan.driver.live(0.0)
+
+
 def test_unreachable_robots_are_named_in_report_and_event(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:

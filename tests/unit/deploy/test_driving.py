@@ -255,6 +255,12 @@ def test_driver_accepts_smaller_token_only_from_another_process() -> None:
         assert json_message.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
 
 
+def test_reply_without_token_does_not_let_driver_begin_again() -> None:
+    remote = Remote(PATROL, "driver-1")
+    remote.answered([replied("leader", 900), replied("leader", 0, reason="another mission")], 1.0, 1.01)
+    assert json_message.decode(OperatorRequest, remote.request(0.1, 0.0, 1.02)[1]).token == 900
+
+
 def test_state_names_reason_of_leader_refusal() -> None:
     remote = Remote(PATROL, "driver-1")
     assert remote.state.words(1.0) == "no leader answers"
