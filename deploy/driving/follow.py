@@ -137,8 +137,13 @@ class Follower:
         for sample in samples:
             if sample.key != self._statuses:
                 newest = sample
-            elif words := self._take_status(sample):
+                continue
+            worked = self._navigation.active
+            if words := self._take_status(sample):
                 yield words
+            if worked and not self._navigation.active:  # a path from before is that of an ended goal
+                self._early = None
+                newest = newest if newest is not None and newest.key != self._paths else None
         early, self._early = self._early, None
         if newest is None and early is not None and monotonic() - early.arrived < EARLY_SECONDS:
             newest = early
@@ -158,6 +163,7 @@ class Follower:
         try:
             ended = self._navigation.take(decode(GoalStatuses, sample.payload))
         except BadMessage as error:
+            self._navigation.take(GoalStatuses(()))  # the goal may have ended
             return self._stand(f"{sample.key}: {error}")
         return self._stand(f"{sample.key}: the goal was {ended}") if ended else ""
 

@@ -239,6 +239,22 @@ def test_leader_stands_after_goal_is_canceled(ended: GoalStatus, word: str) -> N
     assert len(leader.requests) == 2
 
 
+@pytest.mark.parametrize("together", [False, True])
+def test_path_of_canceled_goal_is_not_followed_for_next(
+    monkeypatch: pytest.MonkeyPatch, *, together: bool
+) -> None:
+    monkeypatch.setattr(follow, "monotonic", lambda: 100.0)
+    leader = Leader()
+    follower = navigated(leader)
+    messages = [path(100.0), status((GOAL, GoalStatus.CANCELED))]
+    following = [status((GOAL, GoalStatus.CANCELED), (NEXT_GOAL, GoalStatus.ACCEPTED))]
+    for samples in [messages + following] if together else [messages, following]:
+        list(follower.take_all(samples))
+    assert not follower.follows
+    list(follower.take_all([path(100.0)]))
+    assert follower.follows
+
+
 def test_goal_that_action_forgets_stops_leader() -> None:
     leader = Leader()
     (words,) = navigated(leader).take_all([status()])
@@ -292,6 +308,8 @@ def test_invalid_status_stops_leader() -> None:
     (words,) = follower.take_all([Sample(STATUSES, encode(PATH), None, 0.0)])
     assert f"{STATUSES}: action_msgs/msg/GoalStatusArray: " in words
     assert "the leader stands" in words
+    (words,) = follower.take_all([path()])
+    assert "not followed" in words  # it may have said that the goal was canceled
 
 
 def test_goals_count_without_active_action() -> None:
