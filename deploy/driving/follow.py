@@ -38,6 +38,8 @@ MAX_WAYPOINTS = 300
 """Most points of a route; of a longer path those are left out that are closest to the line between others."""
 THINNING_TOLERANCE = 0.005
 """Least distance from that line within which points are left out [m]; doubled as often as needed."""
+MAX_TOLERANCE = 0.08
+"""Greatest such distance [m]: a path that needs more is not followed, as it would pass through obstacles."""
 EARLY_SECONDS = 0.5
 """Age up to which a path counts that came before the status of its goal [s]: they are separate topics."""
 RETRY_SECONDS = 1.0
@@ -217,14 +219,22 @@ def waypoints(sample: Sample, paths: str | None) -> list[complex]:
         raise BadMessage("the path has no points")
     tolerance, whole = THINNING_TOLERANCE, points
     while len(points) > MAX_WAYPOINTS:
+        if tolerance > MAX_TOLERANCE:
+            raise BadMessage(
+                f"the path winds too much: with {MAX_WAYPOINTS} of its {len(whole)} points, the most, a route"
+                f" is over {MAX_TOLERANCE:g} m off; plan a shorter one"
+            )
         points, tolerance = thinned(whole, tolerance), 2.0 * tolerance
     return points
 
 
 def thinned(points: Sequence[complex], tolerance: float) -> list[complex]:
-    """Return a path without points that are within `tolerance` [m] of it without them (Douglas-Peucker)."""
+    """Return a path without points that are within `tolerance` [m] of it without them (Douglas-Peucker).
+
+    It ends early, within milliseconds, if more than `MAX_WAYPOINTS` are left.
+    """
     whole, kept, open_parts = np.array(points), {0, len(points) - 1}, [(0, len(points) - 1)]
-    while open_parts:
+    while open_parts and len(kept) <= MAX_WAYPOINTS:
         first, last = open_parts.pop()
         if last - first < 2:
             continue

@@ -63,6 +63,13 @@ def test_longest_path_keeps_corners_within_tolerance() -> None:
     assert found == [points[0], points[4000], points[-1]]
 
 
+def test_path_that_winds_too_much_is_refused() -> None:
+    """As a straight line through its ends, it would pass through obstacles."""
+    points = tuple(complex(0.02 * number, 0.5 * (number % 2)) for number in range(1000))
+    with pytest.raises(BadMessage, match="winds too much: with 300 of its 1000 points"):
+        waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
+
+
 @given(
     st.lists(st.complex_numbers(max_magnitude=50.0), min_size=1, max_size=40), st.sampled_from([0.01, 1.0])
 )
