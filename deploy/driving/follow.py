@@ -6,7 +6,9 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from functools import partial
+from operator import attrgetter
 from typing import NoReturn
 
 import numpy as np
@@ -61,9 +63,10 @@ from where it is. The answers of the leader are printed. A fleet that is held st
 goals and paths.
 
 With --action, paths count only while that action works at a goal, and the leader stands when the goal
-is canceled or aborted. Without it, the leader learns nothing of that: order `hold`, or send a path
-without points. The leader also stands after a path without points, and after a goal or path that it
-cannot follow, until the next. It learns nothing of the end of this command.
+is canceled or aborted, or the link to the bridge or router is lost. Without it, the leader learns
+nothing of that: order `hold`, or send a path without points. The leader also stands after a path
+without points, and after a goal or path that it cannot follow, until the next. It learns nothing of the
+end of this command.
 
 Exit code 130: interrupted; 2: nothing was started.
 """
@@ -85,25 +88,31 @@ def main(arguments: Sequence[str]) -> int:
     with (
         refusing(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
-        listening(*router(options), (*topics, *([statuses] if statuses else ()))) as ros,
+        listening(*router(options), topics) as ros,
+        # on a bus of its own: of many paths the oldest are lost
+        listening(*router(options), (statuses,)) if statuses else nullcontext() as action,
     ):
         follower = Follower(partial(_give, bus, mission), mission, options.paths, speed, statuses)
         when = f", paths while {options.action} works at a goal" if options.action else ""
         print(f"formation: following {', '.join(topics)}{when}", file=sys.stderr, flush=True)
         try:
-            _follow(ros, follower)
+            _follow(ros, action, follower)
         finally:
             if follower.follows:
                 print(f"\nformation: the leader goes on along its route; {END}", file=sys.stderr)
 
 
-def _follow(ros: Bus, follower: Follower) -> NoReturn:
-    """Print the answers to the newest message, again and again."""
+def _follow(ros: Bus, action: Bus | None, follower: Follower) -> NoReturn:
+    """Print the answers to the newest message, again and again; `action` receives the statuses."""
+    linked = False
     while True:
-        ros.wait(PERIOD_SECONDS)
-        samples = ros.drain()
-        for words in follower.take_all(samples):
+        (action or ros).wait(PERIOD_SECONDS)
+        samples = [sample for bus in (ros, action) if bus for sample in bus.drain()]
+        for words in follower.take_all(sorted(samples, key=attrgetter("arrived"))):
             print(words, flush=True)
+        before, linked = linked, action is not None and action.links > 0
+        if before and not linked:
+            print(follower.doubt("the link to the ROS 2 bridge or router is lost"), flush=True)
         if samples:
             time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
 
@@ -165,9 +174,14 @@ class Follower:
         try:
             ended = self._navigation.take(decode(GoalStatuses, sample.payload))
         except BadMessage as error:
-            self._navigation.take(GoalStatuses(()))  # the goal may have ended
-            return self._stand(f"{sample.key}: {error}")
+            return self.doubt(f"{sample.key}: {error}")
         return self._stand(f"{sample.key}: the goal was {ended}") if ended else ""
+
+    def doubt(self, why: str) -> str:
+        """Let the leader stand until the next goal, as this one may have ended; return the words."""
+        self._navigation.take(GoalStatuses(()))
+        self._early = None
+        return self._stand(why)
 
     def take(self, sample: Sample) -> str:
         """Order the route of one message; return the answers in words."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import cmath
-from contextlib import nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -21,6 +23,7 @@ from formation.deploy.driving.follow import (
     waypoints,
 )
 from formation.deploy.driving.navigation import Navigation
+from formation.deploy.driving.ros import MAX_WAITING
 from formation.deploy.refusal import Refusal
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load
@@ -30,6 +33,7 @@ from formation.protocol.request import OperatorReply, OperatorRequest, ReplyCode
 from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import GoalStatuses, Message, Path, Pose, encode
 from formation.transport import asking
+from formation.transport.mailbox import Mailbox
 from formation.wire import BadMessage, Sample
 
 CONVOY = load("convoy")
@@ -317,6 +321,77 @@ def test_invalid_status_stops_leader() -> None:
     assert "the leader stands" in words
     (words,) = follower.take_all([path()])
     assert "not followed" in words  # it may have said that the goal was canceled
+
+
+class RosBus(Mailbox):
+    """A bus with the capacity of `listening`; instead of each wait the next of `turns` happens."""
+
+    def __init__(self, topics: tuple[str, ...], turns: list[Callable[[], None]]) -> None:
+        super().__init__(MAX_WAITING)
+        self.links, self.topics, self._turns = 1, [topic.strip("/") for topic in topics], turns
+
+    def wait(self, _: float) -> bool:
+        if not self._turns:
+            raise KeyboardInterrupt
+        self._turns.pop(0)()
+        return True
+
+
+def requested(monkeypatch: pytest.MonkeyPatch, *turns: Callable[[list[RosBus]], None]) -> list[bool]:
+    """Run the command with an action for `turns`, which get its buses; return which orders were to stand."""
+    leader, buses = Leader(), list[RosBus]()
+    left: list[Callable[[], None]] = [partial(turn, buses) for turn in turns]
+
+    def listening(_endpoint: str, _domain: int, topics: tuple[str, ...]) -> AbstractContextManager[RosBus]:
+        buses.append(RosBus(topics, left))
+        return nullcontext(buses[-1])
+
+    monkeypatch.setattr(follow, "operator_bus", lambda *_: nullcontext())
+    monkeypatch.setattr(follow, "listening", listening)
+    monkeypatch.setattr(follow, "_give", lambda _bus, _mission, request: leader.give(request))
+    monkeypatch.setattr("time.sleep", lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        follow.main(["convoy", "--paths", "/plan", "--action", "/navigate_to_pose"])
+    return [request.legs == standing(CONVOY).legs for request in leader.requests]
+
+
+def publish(buses: list[RosBus], *samples: Sample) -> None:
+    for sample in samples:
+        for bus in buses:
+            if sample.key in bus.topics:
+                bus.put(sample)
+
+
+def set_out(buses: list[RosBus]) -> None:
+    publish(buses, status((GOAL, GoalStatus.EXECUTING)), path(1.0))
+
+
+def test_many_paths_push_no_status_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a leader's answer takes up to 3 s, or at 1000 Hz."""
+
+    def cancel(buses: list[RosBus]) -> None:
+        publish(buses, status((GOAL, GoalStatus.CANCELED)), *[path(2.0)] * 1000)
+
+    assert requested(monkeypatch, set_out, cancel) == [False, True]
+
+
+def test_lost_link_to_action_stops_leader_until_next_goal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def link(buses: list[RosBus], links: int) -> None:
+        for bus in buses:
+            bus.links = links
+
+    def go_on(buses: list[RosBus]) -> None:
+        link(buses, 1)
+        publish(buses, status((GOAL, GoalStatus.EXECUTING)), path(2.0))
+
+    def next_goal(buses: list[RosBus]) -> None:
+        publish(buses, status((NEXT_GOAL, GoalStatus.EXECUTING)), path(3.0))
+
+    turns = set_out, partial(link, links=0), go_on, next_goal
+    assert requested(monkeypatch, *turns) == [False, True, False]
+    assert "bridge or router is lost\n  the leader stands" in capsys.readouterr().out
 
 
 def test_goals_count_without_active_action() -> None:
