@@ -37,6 +37,8 @@ Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q end
   j  k  l      turn left, stop, turn right
   m  ,  .      back
 """
+MAX_KEY_BYTES = 4096
+"""Most that is read at once [bytes]; a terminal keeps no more."""
 CONTRADICTION = (
     "commands change back and forth, as of two nodes that publish: end one, or put twist_mux before it"
 )
@@ -220,7 +222,7 @@ def _keys() -> Iterator[Callable[[], Share]]:
         now = monotonic()
         waited, last_read = now - last_read > KEY_SECONDS, now
         while select.select([file], [], [], 0.0)[0]:
-            data = os.read(file, 64)
+            data = os.read(file, MAX_KEY_BYTES)
             if not data:
                 raise Ended(1, "the terminal is gone")
             text = data.decode(errors="replace")

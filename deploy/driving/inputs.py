@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import struct
 from collections import deque
 from collections.abc import Mapping
@@ -36,6 +37,8 @@ KEYS: Mapping[str, Share] = MappingProxyType(
     }
 )  # fmt: skip
 """Keys as of ROS 2's teleop_twist_keyboard, and the arrow keys."""
+KEY = re.compile(r"\x1b(?:\[M.{3}|\[[0-?]*[ -/]*[@-~]|O.)|.", re.DOTALL)
+"""One key, or a whole sequence that a terminal sends, as of the mouse or of a key with Shift."""
 QUIT = frozenset({"q", "\x03", "\x04"})
 FIRST_KEY_SECONDS = 0.6
 """Time for which a first press counts [s]: a terminal repeats a held key after about half a second."""
@@ -70,7 +73,7 @@ class Keys:
 
     def press(self, text: str, now: float) -> None:
         """Take what the terminal sent at `now` [s, monotonic]: one or more keys."""
-        for key in _keys_in(text):
+        for key in KEY.findall(text):
             if key in QUIT:
                 self.quits, self._wanted = True, RELEASED
             elif key in KEYS:
@@ -83,16 +86,6 @@ class Keys:
     def velocity(self, now: float) -> Share:
         """Return the newest key's share while it counts at `now` [s, monotonic]."""
         return self._wanted if now < self._until and not self.quits else RELEASED
-
-
-def _keys_in(text: str) -> list[str]:
-    """Split what a terminal sent into keys; an arrow is three characters."""
-    keys, at = [], 0
-    while at < len(text):
-        size = 3 if text.startswith("\x1b[", at) else 1
-        keys.append(text[at : at + size])
-        at += size
-    return keys
 
 
 class Gamepad:

@@ -67,6 +67,18 @@ def test_other_key_stops_and_q_or_ctrl_c_quits(key: str) -> None:
     assert keys.quits == (key in "q\x03")
 
 
+@pytest.mark.parametrize(
+    "sequence", ["\x1b[<0;33;12m", "\x1b[M iu", "\x1b[120u", "\x1b[27;2;105~", "\x1bOm", "\x1b[1;2A"]
+)
+def test_terminal_sequence_is_no_key(sequence: str) -> None:
+    """Mouse reports and keys in other encodings, as after a program that left the terminal so."""
+    keys = Keys()
+    keys.press("i", 1.0)
+    keys.press(3 * sequence, 1.1)
+    assert keys.velocity(1.1) == RELEASED
+    assert not keys.quits
+
+
 def test_last_of_two_arrows_in_one_read_counts() -> None:
     keys = Keys()
     keys.press("\x1b[A\x1b[D", 1.0)
