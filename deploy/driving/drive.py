@@ -118,6 +118,11 @@ class _Drive:
         state = self._remote.state
         if state.reply is None:
             return f"no leader of {self._name} has answered, so what the robots do is not known; does it run?"
+        if (silent := monotonic() - state.answered) > DRIVE_TIMEOUT_SECONDS:  # others may move it meanwhile
+            name = state.reply.robot
+            return (
+                f"{name} has not answered for {silent:.1f} s, so what the robots do is not known; watch them"
+            )
         return f"{state.reply.robot} did not obey: {state.refusal}" if state.refusal else "all robots hold"
 
     def step(self, share: Share) -> None:

@@ -293,8 +293,15 @@ def test_end_of_drive_says_hold_only_if_the_leader_obeys(replies: list[dict[str,
     one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
     for reply in replies:
         data = json_message.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
-        one._remote.answered([data], 0.0, 0.1)
+        one._remote.answered([data], clock.monotonic(), clock.monotonic())
     assert one.outcome.startswith(says)
+
+
+def test_end_of_drive_claims_no_hold_without_recent_answer() -> None:
+    """After 1 s without a velocity the leader obeys a planner that follows ROS."""
+    one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
+    one._remote.answered([replied("leader", 1)], clock.monotonic(), clock.monotonic() - 5.0)
+    assert one.outcome.startswith("leader has not answered for 5.0 s, so what the robots do is not known")
 
 
 @pytest.mark.parametrize(
