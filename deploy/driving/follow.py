@@ -112,7 +112,8 @@ def _follow(ros: Bus, action: Bus | None, follower: Follower) -> NoReturn:
             print(words, flush=True)
         before, linked = linked, action is not None and action.links > 0
         if before and not linked:
-            print(follower.doubt("the link to the ROS 2 bridge or router is lost"), flush=True)
+            why = "the link to the ROS 2 bridge or router is lost; send the goal again"
+            print(follower.doubt(why), flush=True)
         if samples:
             time.sleep(PERIOD_SECONDS)  # of many messages the newest counts
 

@@ -391,7 +391,7 @@ def test_lost_link_to_action_stops_leader_until_next_goal(
 
     turns = set_out, partial(link, links=0), go_on, next_goal
     assert requested(monkeypatch, *turns) == [False, True, False]
-    assert "bridge or router is lost\n  the leader stands" in capsys.readouterr().out
+    assert "bridge or router is lost; send the goal again\n  the leader stands" in capsys.readouterr().out
 
 
 def test_goals_count_without_active_action() -> None:
