@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -150,26 +150,34 @@ def _narrow(mission: Mission, shape: str) -> Iterator[Gap]:
     Neighbours are avoided at their positions, others as the robot's scanner sees them. A disc around the
     front of its body contains the body, and keeps the margin on both sides.
     """
-    slots = {name: mission.slot(name, shape) for name in mission.followers}
-    for first, second in combinations(mission.followers, 2):
-        between = [_width(mission, name, {first, second}) for name in mission.followers]
+    names = mission.followers
+    avoided = {name: set(mission.avoided_by(name)) for name in names}
+    radii = [mission.robots[name].radius for name in names]
+    most = max(_width(mission, name, seen) for name in names for seen in ((), names))
+    wide = [radius + 0.5 * most for radius in radii]
+    # sorted: the first of equal gaps is named
+    for i, j, distance in sorted(too_close([mission.slot(name, shape) for name in names], wide)):
+        pair = {names[i], names[j]}
+        between = [
+            _width(mission, name, () if pair <= avoided[name] else pair) for name in names if name not in pair
+        ]
         widest = max(between, default=0.0)
-        needed = mission.robots[first].radius + mission.robots[second].radius + widest
-        distance = abs(slots[first] - slots[second])
+        needed = radii[i] + radii[j] + widest
         if widest > 0.0 and distance < needed - BOUND_TOLERANCE:
-            yield Gap(needed, distance, shape, first, second)
+            yield Gap(needed, distance, shape, names[i], names[j])
 
 
-def _width(mission: Mission, name: str, pair: set[str]) -> float:
-    """Free space that a robot needs between a pair of bodies [m]; 0 if it does not avoid both."""
+def _width(mission: Mission, name: str, seen: Collection[str]) -> float:
+    """Free space that a robot needs between two bodies that it avoids [m].
+
+    With `seen` it avoids them as its scanner sees robots with these names; 0 if it has no scanner.
+    """
     me = mission.robots[name]
     margin = mission.collisions.room
-    if name in pair:
-        return 0.0
-    if not pair <= set(mission.avoided_by(name)):
+    if seen:
         if me.scanner == "none":
             return 0.0
-        overhang = max(mission.robots[one].overhang for one in pair)
+        overhang = max(mission.robots[one].overhang for one in seen)
         margin = max(margin, me.margin + overhang) + MIN_RADIUS_LIMIT  # circles around hits bulge
     return 2.0 * (front(AvoidanceParameters(me.radius, 0.0, 0.0), me.limits) + me.radius + margin)
 
