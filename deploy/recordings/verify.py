@@ -189,8 +189,9 @@ def _notes(ran: Ran) -> Iterator[str]:
         if left_out := sorted(set(ran.recording.mission.followers) - set(ran.verdicts)):
             yield f"left out, because {ran.mission.name} has no such follower: {', '.join(left_out)}"
         return
-    recorded = parse(ran.recording.about["mission_file"]).fingerprint  # without the law of that run
-    others = [one.robot for one in ran.verdicts.values() if one.missions - {recorded}]
+    # agents say the fingerprint of the file, in a rehearsal that of the mission under the law of that run
+    recorded = {parse(ran.recording.about["mission_file"]).fingerprint, ran.mission.fingerprint}
+    others = [one.robot for one in ran.verdicts.values() if one.missions - recorded]
     if others:
         yield f"the agents of {', '.join(others)} drove by another mission than the recorded one"
 

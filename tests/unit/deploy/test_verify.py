@@ -193,6 +193,13 @@ def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: 
     assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
 
 
+def test_rehearsal_under_another_law_is_of_its_mission(tmp_path: Path, capsys: Capsys) -> None:
+    fleet = RecordedFleet(PAIR.under("paper"))
+    fleet.run(2.0)
+    path = written(tmp_path / "rehearsed.mcap", fleet.record, law="paper")
+    assert verified(capsys, path)[2]["notes"] == []
+
+
 def test_recording_without_traces_exits_with_2(tmp_path: Path, capsys: Capsys) -> None:
     record = [(sample._replace(attachment=None), wall) for sample, wall in recorded_run()]
     path = written(tmp_path / "old.mcap", record)
