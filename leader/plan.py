@@ -86,6 +86,8 @@ class TeamMode:
         result = Rest(self.rest.stop, self.hold).change(request, fact)
         if result.ok:
             self.rest.hold, self.base_mode, self._run_requested, self.unread = "", "run", True, False
+            if self.undriven:
+                return result._replace(reason=str(Reason.of(Code.NOT_DRIVEN)))
         return result
 
     def wait(self, why: str) -> None:

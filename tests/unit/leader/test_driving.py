@@ -404,6 +404,17 @@ def test_velocity_sent_before_the_zero_velocity_is_refused() -> None:
     assert driver.send(end + 0.15, 0.1).ok
 
 
+def test_run_without_a_driver_says_why_nothing_moves() -> None:
+    leader, driver, end = driven()
+    assert ask(leader, "run", end).reason == ""
+    drive(leader, end + 0.01, 1.0)
+    reply = ask(leader, "run", end + 1.0)
+    assert reply.ok
+    assert "formation drive, or order a speed or a route" in reply.reason
+    driver.hold_stick(end + 1.05, 0.5, 0.1)
+    assert leader.mode == "run"
+
+
 def test_refused_first_request_does_not_clear_route_unknown() -> None:
     leader = leading(CONVOY)
     leader.plan.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
