@@ -24,7 +24,7 @@ def warn_if_slow() -> None:
     """Warn on stderr, if numba is not installed, that simulations take long."""
     if not AVAILABLE:
         how = installing("numba")
-        print(f"formation: without numba a simulation takes about 100 times as long: {how}", file=sys.stderr)
+        print(f"formation: without numba a simulation takes over 1000 times as long: {how}", file=sys.stderr)
 
 
 @contextmanager

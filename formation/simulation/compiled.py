@@ -2,7 +2,7 @@
 
 The law, the observer and the tracks are written once, in plain Python, for robots to run. Here numba
 compiles the same source for simulations of many robots. Without numba (the extra `simulate` installs it)
-the same functions run uncompiled, about a hundred times slower.
+the same functions run uncompiled, over a thousand times slower.
 """
 
 from __future__ import annotations
