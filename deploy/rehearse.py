@@ -90,6 +90,9 @@ def _words(
     """Return the result for people."""
     failed = [one for one in verdicts if one.violations]
     text = [f"{mission.name}, {_count(len(verdicts))}, faults: {_faults(plan)}"]
+    if plan.kinds and len(verdicts) == 1:
+        drawn = verdicts[0].faults[len(plan.faults) :]
+        text.append(f"  drawn            {', '.join(map(spelled, drawn)) or NONE}")
     for verdict in failed:
         text += [
             f"  seed {verdict.seed}: {one.rule}: {one.time:.2f} s, {one.robot or 'the fleet'}: {one.what}"
@@ -173,6 +176,8 @@ def _plan(mission: Mission, text: str, options: argparse.Namespace) -> Plan:
     possible = tuple(kind for kind in KINDS if kind not in lacking)
     kinds = possible if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
     for kind in kinds:
+        if kind in lacking:
+            raise Refusal(f"--faults {kind!r}: needs {lacking[kind]}")
         if kind not in possible:
             raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(possible)}")
     for fault in faults:

@@ -290,12 +290,16 @@ def test_rehearse_draws_given_fault_kinds_for_each_seed(
     runs = json.loads(capsys.readouterr().out)["runs"]
     assert [run["seed"] for run in runs] == list(range(9))
     assert {re.split("[:=@]", fault)[1] for run in runs for fault in run["faults"]} == {"clock", "full"}
+    drawn = runs[0]["faults"]
+    assert main(["turtlebot3_pair", "--faults", "clock,full", "--fault", "robot1:cut@9+1"]) == 0
+    assert f"\n  drawn            {', '.join(drawn)}\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
         (["--faults", "kill,melt"], "--faults 'melt': must be all, none, or some of loss, "),
+        (["--faults", "kill,forge"], "--faults 'forge': needs --signed"),
         (["--fault", "robot2:melt@3"], "--fault 'robot2:melt@3': melt: must be one of "),
     ],
 )
