@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from formation.leader.core import Leader
-from formation.leader.process import Terms, lead
+from formation.leader.process import TermFile, lead
 from formation.mission.file import configuration_of, load
 from formation.mission.model import Mission
 from formation.transport import wiring
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--anew",
         action="store_true",
-        help="begin at the start of the route, also where robots relay where an earlier leader was",
+        help="begin at the start of the route, even if robots relay an earlier leader's place",
     )
     parser.add_argument(
         "--state", metavar="DIR", type=Path,
@@ -57,14 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
-    name = _name(mission, args.standby)
+    name = _candidate(mission, args.standby)
     part = "leader" if name == mission.leader else name
     args.config = args.config or configuration_of(args.mission, part)
     links = wiring.of_member(mission, name, wiring.endpoints(mission))
     called = "leader" if name == "leader" else f"leader {name}"
     config = flags.bus_config(args, mission, links, called)
     signer, verifier = signer_of(config, mission, name) or (None, None)
-    terms = _terms(args.state, name)
+    terms = _term_file(args.state, name)
     leader = Leader(
         mission,
         name,
@@ -82,15 +82,15 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
                 terms.close()
 
 
-def _terms(folder: Path | None, name: str) -> Terms | None:
+def _term_file(folder: Path | None, name: str) -> TermFile | None:
     """Return the term file in `folder`. Raises BadInput."""
     try:
-        return None if folder is None else Terms(folder, name)
+        return None if folder is None else TermFile(folder, name)
     except OSError as error:
         raise BadInput(f"--state {folder}: must be a writable folder: {error.strerror}") from None
 
 
-def _name(mission: Mission, standby: str | None) -> str:
+def _candidate(mission: Mission, standby: str | None) -> str:
     """Return the name of this candidate. Raises BadInput."""
     if standby is None:
         return mission.leader

@@ -46,7 +46,7 @@ class Cohesion:
         self._since: dict[str, float] = {}  # since when each robot has held the fleet up [s, monotonic]
 
     def receive(self, robot: str, pose: Pose, arrived: float) -> None:
-        """Take in a follower's position, if the leader waits for that one."""
+        """Take in a follower's position, if the leader waits for that follower."""
         if robot not in self._mission.waited_for:
             return
         point = pose.position + self._mission.robots[robot].control_point_offset * pose.heading

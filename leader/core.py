@@ -21,7 +21,7 @@ from typing import Protocol
 
 from formation.leader.candidacy import Candidacy, linked
 from formation.leader.plan import Plan
-from formation.leader.reports import OperatorRequests, Seat, status
+from formation.leader.reports import Leadership, OperatorRequests, status
 from formation.leader.route import NamedRoute
 from formation.mission.model import Mission
 from formation.protocol import json_message, order
@@ -50,7 +50,7 @@ MAX_BEAT_LEAD = 0.1
 Later orders look as late to robots: they refuse them over 1 s, and hold over 0.3 s if the leader is driven.
 """
 CATCH_UP_TIME = 5.0
-"""How long after the first relayed order a new leader still takes a stop or a hold from before it [s]."""
+"""How long after the first relayed order of its term a new leader accepts an earlier stop or hold [s]."""
 FORGERY_TIME = 10.0
 """How long a robot is named after its newest forged order; the alarm repeats after as long a silence [s]."""
 
@@ -97,29 +97,30 @@ class Leader:
         self._absurd: dict[str, float] = {}  # by robot, when it last relayed an absurd term [s, monotonic]
         self.candidacy = Candidacy(mission, self.name, known)
         self.operator_requests = OperatorRequests(
-            self.name, self.plan, lambda: self.seat, Addressee(mission), alone=not mission.standbys
+            self.name, self.plan, lambda: self.leadership, Addressee(mission), alone=not mission.standbys
         )
-        self._newest: Order | None = None  # relayed by a robot, or its own,
-        self._newest_rose = float("-inf")  # when it rose [s, monotonic],
-        self._newest_stale = False  # and whether a robot says that this is long ago
+        self._newest: Order | None = None  # relayed by a robot, or its own
+        self._newest_rose = float("-inf")  # when the beat of `_newest` rose [s, monotonic]
+        self._newest_stale = False  # whether a robot reports that this was long ago
         self._earlier: dict[str, Order] = {}  # orders of earlier terms, by the robot that relays them
         self.mixed: dict[str, tuple[str, float]] = {}  # tag and arrival, by robot of another mission
-        self._term = 0  # in which it sent last
+        self._term = 0  # term of its last order
         self.rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate, self._route_rate = Rate(STATUS_RATE), Rate(ROUTE_RATE)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
-        self._in_force: tuple[object, ...] = ()  # the fleet's order as sent since the last step
-        self._mode: Mode = "hold"  # since the last step
+        self._order_sent: tuple[object, ...] = ()  # what was ordered at the last advance
+        self._mode: Mode = "hold"  # since the last advance
         self._unsent = False  # whether the order has changed and waits for its period
         self._waiting: tuple[str, ...] = ()
-        self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
-        self._stepped: float | None = None  # when that was [s, monotonic]
+        self._fence = Geofence(mission)
+        self._fenced = False  # whether the bounds stopped it at the last advance
+        self._advanced_at: float | None = None  # time of the last advance [s, monotonic]
         self._leads, self._terms_led, self.beat, self._count = False, 0, 0, 0
-        self._began = 0.0  # when the first beat of this term was [s, monotonic]
-        self._continued: Order | None = None  # the earlier order from which it went on
-        self._late: tuple[Order, bool] | None = None  # a newer one of these, and whether it is stale
-        self._obeyed_by: set[str] = set()  # robots that have relayed this term
-        self._sure_at = 0.0  # from when on an earlier order counts no more [s, monotonic]
+        self._first_beat_at = 0.0  # time of this term's first beat [s, monotonic]
+        self._restored: Order | None = None  # order of an earlier term from which it went on
+        self._found_earlier: tuple[Order, bool] | None = None  # a newer one of those, and whether it is stale
+        self._relayed_by: set[str] = set()  # robots that have relayed an order of this term
+        self._catch_up_until = 0.0  # until when orders of earlier terms still count [s, monotonic]
         robots = linked(mission).union(mission.waited_for)
         self._followers = {POSITION.key(robot): robot for robot in mission.followers if robot in robots}
         others = [other for other in mission.candidates if other != self.name and mission.standbys]
@@ -202,24 +203,24 @@ class Leader:
 
     def where(self, mono: float) -> complex:
         """Extrapolate the leader's position [m; world frame] to `mono` [s], not before the newest step."""
-        runs = self._stepped is not None and self._leads and self._mode == "run"
-        return self.plan.where(mono - self._stepped if runs and self._stepped is not None else 0.0)
+        runs = self._advanced_at is not None and self._leads and self._mode == "run"
+        return self.plan.where(mono - self._advanced_at if runs and self._advanced_at is not None else 0.0)
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Read the inbox, decide whether it leads, then publish; at once if the order has changed."""
         for sample in inbox:
             try:
-                self._take(sample, now)
+                self._process_sample(sample, now)
             except BadMessage:
                 self.dropped[sample.key] += 1
-        outbox = self._voted(self.candidacy.step(now))
-        changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
+        outbox = self._ballot_messages(self.candidacy.step(now))
+        changed = self._follow_candidacy(now) | self._catch_up(now) | self._advance(now)
         if self._leads:
-            outbox += self._positions(now, changed=changed)
+            outbox += self._position_messages(now, changed=changed)
         if self.mission.standbys and (self._route_rate.tick(now.mono) or changed):
-            outbox += self._route_message()
+            outbox += self._route_messages()
         if self._status_rate.tick(now.mono) or changed or self.operator_requests.unpublished:
-            outbox.append(self._status(now, ""))
+            outbox.append(self._status_message(now, ""))
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
@@ -229,17 +230,17 @@ class Leader:
         standbys the next one holds until told to run.
         """
         self.candidacy.step(now)
-        self._settle(now)
-        self._go_on(now)
+        self._follow_candidacy(now)
+        self._advance(now)
         if not self.mission.standbys:
-            self.plan.team_mode.end()
+            self.plan.team_mode.hold_at_end()
         outbox = (
-            [self._position(now, "stop" if self.mode == "stop" else "hold", changed=True)]
+            [self._position_message(now, "stop" if self.mode == "stop" else "hold", changed=True)]
             if self._leads
             else []
         )
-        outbox += self._voted(self.candidacy.leave(now))
-        return [*outbox, self._status(now, reason)]
+        outbox += self._ballot_messages(self.candidacy.leave(now))
+        return [*outbox, self._status_message(now, reason)]
 
     def request(self, data: bytes, received: float) -> bytes:
         """Answer a request; it takes effect with the next step. `received` is its arrival [s, monotonic]."""
@@ -251,9 +252,9 @@ class Leader:
         return self.operator_requests.answer(request, received)
 
     @property
-    def seat(self) -> Seat:
+    def leadership(self) -> Leadership:
         """Its part in the election, the leading candidate and the mode of the fleet."""
-        return Seat(self.candidacy.state, self._leader, self.mode)
+        return Leadership(self.candidacy.state, self._leader, self.mode)
 
     @property
     def _leader(self) -> str:
@@ -263,20 +264,20 @@ class Leader:
         known = self.mission.candidates[rank_of(self.candidacy.known) :][:1] if self.candidacy.known else ()
         return known[0] if known and known[0] != self.name else ""
 
-    def _take(self, sample: Sample, now: Now) -> None:
+    def _process_sample(self, sample: Sample, now: Now) -> None:
         """Take in a message. Raises BadMessage."""
         if sample.key in self._followers:
-            self._take_position(self._followers[sample.key], sample, now)
+            self._process_position(self._followers[sample.key], sample, now)
         elif sample.key in self._ballots:
             ballot = json_message.decode(Ballot, decode(Text, sample.payload).text.encode())
             self.candidacy.receive_ballot(ballot, self._ballots[sample.key], sample.arrived, now)
         elif sample.key in self._routes:
-            if self.plan.learn(NamedRoute.read(sample.payload)) and self._leads:
-                self.notes.append("knows now which route the leader was on, and goes on")
+            if self.plan.add_route(NamedRoute.read(sample.payload)) and self._leads:
+                self.notes.append("received the missing route of the earlier leader, and goes on")
         else:
             raise BadMessage("unknown key")
 
-    def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
+    def _process_position(self, robot: str, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         attachment = json_message.decode(PositionAttachment, sample.attachment or b"")
         if attachment.mission != self.mission.tag:
@@ -284,51 +285,52 @@ class Leader:
         relayed, attachment = attachment, without_absurd_terms(attachment, now)
         if attachment is not relayed:
             self._note_absurd(robot, relayed, now)
-        ahead = self._ahead(attachment.order)
+        ahead = self._why_ahead(attachment.order)
         if sample.unverified or ahead:
             term = attachment.order.term if attachment.order else attachment.term
             attachment = attachment.model_copy(update={"order": None, "term": term})
             if sample.forged or ahead:
-                self._alarm(robot, sample.unverified or ahead, now)
+                self._report_forgery(robot, sample.unverified or ahead, now)
         if self._leads and attachment.order is not None and attachment.order.term == self.term:
             beat = attachment.order.beat
-            sent = self._began + (beat - 1) * self.rate.period
+            sent = self._first_beat_at + (beat - 1) * self.rate.period
             self.plan.relays.receive(robot, beat, sent, sample.arrived)
         self.candidacy.receive(robot, attachment, sample.arrived, now)
         self.plan.cohesion.receive(robot, pose, sample.arrived)
         received = attachment.order
         if received is not None and self._supersedes(robot, received, sample.arrived, now):
-            self._check(received)
+            self._check_order(received)
             self._newest, self._newest_rose = received, sample.arrived
             self._newest_stale = attachment.stale
-        elif received is not None and self._leads and sample.arrived < self._sure_at:
-            self._check(received)
-            self._take_earlier(robot, received, sample.arrived, stale=attachment.stale)
+        elif received is not None and self._leads and sample.arrived < self._catch_up_until:
+            self._check_order(received)
+            self._note_earlier_order(robot, received, sample.arrived, stale=attachment.stale)
         if received is not None and received == self._newest:
             self._newest_stale |= attachment.stale
 
-    def _take_earlier(self, robot: str, received: Order, arrived: float, *, stale: bool) -> None:
-        """Note an order that was in force before it led, from a robot that has not relayed its own yet.
+    def _note_earlier_order(self, robot: str, received: Order, arrived: float, *, stale: bool) -> None:
+        """Note an order of an earlier term, from a robot that has not relayed one of this term yet.
 
-        Once any robot has relayed its own, the fleet goes by that, and only an earlier stop or hold counts.
+        Once any robot has relayed an order of this term, the fleet follows that, and of earlier orders only a
+        stop or a hold counts.
         """
         if received.term == self.term:
-            self._obeyed_by.add(robot)
+            self._relayed_by.add(robot)
         elif (
             received.term < self.term
-            and robot not in self._obeyed_by
-            and newer(received, self._continued)
-            and (received.mode != "run" or not self._obeyed_by)
+            and robot not in self._relayed_by
+            and newer(received, self._restored)
+            and (received.mode != "run" or not self._relayed_by)
         ):
-            self._late, self._continued = (received, stale), received
-        self._sure_at = min(self._sure_at, arrived + CATCH_UP_TIME)
+            self._found_earlier, self._restored = (received, stale), received
+        self._catch_up_until = min(self._catch_up_until, arrived + CATCH_UP_TIME)
 
-    def _check(self, received: Order) -> None:
+    def _check_order(self, received: Order) -> None:
         """Raise BadMessage for an order that no robot of this mission accepts."""
         check_shape(received, self.mission.shapes)
         self._fence.check(received)
 
-    def _alarm(self, robot: str, why: str, now: Now) -> None:
+    def _report_forgery(self, robot: str, why: str, now: Now) -> None:
         """Raise the alarm for a robot that relays a forged order."""
         count, _, when = self._forged.get(robot, (0, "", float("-inf")))
         self._forged[robot] = count + 1, why, now.mono
@@ -337,13 +339,13 @@ class Leader:
             self._status_rate = Rate(STATUS_RATE)
 
     def _note_absurd(self, robot: str, relayed: PositionAttachment, now: Now) -> None:
-        """Note, once until it has been over for a while, that a robot's term is ignored: a clock is wrong."""
+        """Log that a robot's term is ignored; again only after `FORGERY_TIME` without one."""
         if now.mono - self._absurd.get(robot, float("-inf")) > FORGERY_TIME:
             term = max(relayed.term, relayed.voted_term, relayed.order.term if relayed.order else 0)
             self.notes.append(f"ignores what {robot} relays of the leader: {absurd(term, now)}")
         self._absurd[robot] = now.mono
 
-    def _ahead(self, relayed: Order | None) -> str:
+    def _why_ahead(self, relayed: Order | None) -> str:
         """Return in words why a relayed order cannot be this leader's; empty if it can."""
         if not self._leads or relayed is None or relayed.term != self.term or relayed.beat <= self.beat:
             return ""
@@ -352,7 +354,8 @@ class Leader:
     def _supersedes(self, robot: str, received: Order, arrived: float, now: Now) -> bool:
         """Return whether it is newer, or rises in an earlier term while the newest has long been silent.
 
-        The latter as at robots: where orders are signed, only if the newest term begins ahead of this clock.
+        As at robots, an earlier term counts where orders are signed only if the newest term begins ahead of
+        this clock.
         """
         if newer(received, self._newest):
             return True
@@ -363,55 +366,55 @@ class Leader:
         binds = self._signer is not None and begun(self._newest.term, now)
         return rises and not binds and arrived - self._newest_rose > expiry(self.mission)
 
-    def _settle(self, now: Now) -> bool:
-        """Begin or cease to lead, as the candidacy says; return whether that changed."""
+    def _follow_candidacy(self, now: Now) -> bool:
+        """Begin or cease to lead with the candidacy; return whether that changed."""
         if self.candidacy.leading == self._leads:
             return False
         self._leads = self.candidacy.leading
         if not self._leads:
             self.plan.team_mode.stand_by()
-            self.notes.append(f"leads no more, and stands by; {self._leader or 'no candidate'} leads")
+            self.notes.append(f"no longer leads, stands by; {self._leader or 'no candidate'} leads")
             return True
-        self._terms_led, self.beat, self._count, self._stepped = self._terms_led + 1, 0, 0, None
+        self._terms_led, self.beat, self._count, self._advanced_at = self._terms_led + 1, 0, 0, None
         self.rate = Rate(self.mission.robots[self.mission.leader].rate)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
-        self._continued = self._newest
-        self._obeyed_by.clear()
-        self._sure_at = math.inf if self._newest is None or self.candidacy.unread else now.mono
+        self._restored = self._newest
+        self._relayed_by.clear()
+        self._catch_up_until = math.inf if self._newest is None or self.candidacy.unread else now.mono
         if self._newest is not None:
-            self._continue(self._newest, now, under_way=self._under_way(now))
+            self._restore_order(self._newest, now, under_way=self._under_way(now))
         if self.candidacy.unread:
-            self.plan.team_mode.doubt()
-        self.operator_requests.goes_on(now.mono)
+            self.plan.team_mode.hold_until_read()
+        self.operator_requests.note_restart(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._terms_led == 1)
-        where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
+        where = f"{self.route_time:.1f} s into its route" if gone_on else "from the start"
         self._term = self.term
         self.notes.append(f"leads in term {self.term}, {where}: {self.mode}")
         return True
 
     def _under_way(self, now: Now) -> bool:
-        """Return whether the beat of the newest order rose a moment ago, so that its leader may have led."""
+        """Return whether the beat of the newest order rose a moment ago, so that its leader was alive."""
         return not self._newest_stale and now.mono - self._newest_rose <= expiry(self.mission)
 
-    def _continue(self, newest: Order, now: Now, *, under_way: bool) -> None:
+    def _restore_order(self, newest: Order, now: Now, *, under_way: bool) -> None:
         if self._anew and self._terms_led == 1:
             self.plan.team_mode.inherit_stop(newest)
         else:
             self.plan.restore(newest, under_way=under_way, mono=now.mono)
 
     def _catch_up(self, now: Now) -> bool:
-        """Resume the fleet's earlier order if links came up only after listening; return whether it did."""
-        late, self._late = self._late, None
+        """Restore an earlier order that arrived only after listening; return whether there was one."""
+        late, self._found_earlier = self._found_earlier, None
         if late is None or not self._leads:
             return False
         newest, stale = late
-        self._continue(newest, now, under_way=not stale)
-        self.operator_requests.goes_on(now.mono)
-        self._stepped = None
-        self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")
+        self._restore_order(newest, now, under_way=not stale)
+        self.operator_requests.note_restart(now.mono)
+        self._advanced_at = None
+        self.notes.append(f"found a newer order: goes on {self.route_time:.1f} s into its route: {self.mode}")
         return True
 
-    def _go_on(self, now: Now) -> bool:
+    def _advance(self, now: Now) -> bool:
         """Advance by the time since the last advance, in the mode of then; return whether the order changed.
 
         It advances when a position is due or the order has changed, not with each message.
@@ -419,24 +422,25 @@ class Leader:
         if not self._leads:
             return False
         self.plan.check_driver(now.mono)
-        if self._stepped is not None and now.mono - self._stepped > expiry(self.mission):
-            self.plan.team_mode.slept()
-            self.operator_requests.goes_on(now.mono)
-            self.notes.append(f"has slept for {now.mono - self._stepped:.0f} s: {self.mode}")
-        before, self._in_force = self._in_force, self.plan.in_force
-        changed = before not in {(), self._in_force}
-        if self._stepped is not None:
+        if self._advanced_at is not None and now.mono - self._advanced_at > expiry(self.mission):
+            self.plan.team_mode.hold_after_suspension()
+            self.operator_requests.note_restart(now.mono)
+            self.notes.append(f"was suspended for {now.mono - self._advanced_at:.0f} s: {self.mode}")
+        before, self._order_sent = self._order_sent, self.plan.in_force
+        changed = before not in {(), self._order_sent}
+        if self._advanced_at is not None:
             if not changed and now.mono < self.rate.due - TICK_TOLERANCE:
                 return False
-            self.plan.go_on(now.mono, min(now.mono - self._stepped, LEADER_TIMEOUT_SECONDS), self._mode)
-        self._stepped, self._mode = now.mono, self.plan.team_mode.mode
-        self._note_waiting()
+            self.plan.go_on(now.mono, min(now.mono - self._advanced_at, LEADER_TIMEOUT_SECONDS), self._mode)
+        self._advanced_at, self._mode = now.mono, self.plan.team_mode.mode
+        self._note_why_standing()
         return changed
 
-    def _note_waiting(self) -> None:
+    def _note_why_standing(self) -> None:
+        """Log when it begins or ceases to wait for robots, or to stand at the bounds."""
         waiting = self.plan.cohesion.waits_for if self._mode == "run" else ()
         if bool(waiting) != bool(self._waiting):
-            self.notes.append(f"waits for {', '.join(waiting)}" if waiting else "waits no more")
+            self.notes.append(f"waits for {', '.join(waiting)}" if waiting else "no longer waits")
         self._waiting = waiting
         fenced = self.plan.fenced
         if (fenced is not None) != self._fenced:
@@ -445,16 +449,16 @@ class Leader:
             )
         self._fenced = fenced is not None
 
-    def _voted(self, ballot: Ballot | None) -> list[Outgoing]:
+    def _ballot_messages(self, ballot: Ballot | None) -> list[Outgoing]:
         if ballot is None:
             return []
         return [Outgoing(BALLOT.key(self.name), encode(Text(json_message.encode(ballot).decode())))]
 
-    def _route_message(self) -> list[Outgoing]:
+    def _route_messages(self) -> list[Outgoing]:
         payload = self.plan.route.payload
         return [] if payload is None else [Outgoing(ROUTE.key(self.name), payload)]
 
-    def _positions(self, now: Now, *, changed: bool) -> list[Outgoing]:
+    def _position_messages(self, now: Now, *, changed: bool) -> list[Outgoing]:
         """Return its position if it is due, or if the order has `changed`; too many changes wait until then.
 
         A hold or a stop does not wait.
@@ -467,11 +471,11 @@ class Leader:
         if not due and (not changed or self._unsent):
             return []
         certify = not changed or self.beat == 0
-        return [self._position(now, self.mode, changed=changed, certify=certify)]
+        return [self._position_message(now, self.mode, changed=changed, certify=certify)]
 
     def _periods(self, mono: float) -> int:
         """Return the number of periods of this term by `mono` [s], the present one included."""
-        return 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self.rate.period)
+        return 1 + math.floor((mono - self._first_beat_at + TICK_TOLERANCE) / self.rate.period)
 
     def _next_beat(self, mono: float, *, changed: bool) -> int:
         """Return the next beat. Beats count periods, missed ones too, so they tell how late an order is.
@@ -479,17 +483,17 @@ class Leader:
         A changed order gets a new beat, which is then repeated until time catches up.
         """
         if self.beat == 0:
-            self._began = mono
+            self._first_beat_at = mono
             self.plan.relays.begin()
         periods = self._periods(mono)
         return max(self.beat + (1 if changed or self.beat == 0 else 0), periods)
 
-    def _position(self, now: Now, mode: Mode, *, changed: bool, certify: bool = False) -> Outgoing:
+    def _position_message(self, now: Now, mode: Mode, *, changed: bool, certify: bool = False) -> Outgoing:
         """Return its position with its order or, at times if it may `certify`, with its certificate."""
         before, self.beat = self.beat, self._next_beat(now.mono, changed=changed)
         self._count += 1
         if self._term not in {0, self.term}:
-            self.notes.append(f"goes on in term {self.term}: its clock has been set")
+            self.notes.append(f"continues in term {self.term}: its clock was set")
         if self.beat != before or self._newest is None or self._term != self.term:
             self._newest, self._newest_rose = self.plan.order(self.term, self.beat, mode), now.mono
             self._newest_stale = False
@@ -510,5 +514,5 @@ class Leader:
         pose = Pose(now.wall, self.plan.where(), self.plan.route.heading(self.route_time))
         return Outgoing(POSITION.key(self.mission.leader), encode(pose), json_message.encode(attachment))
 
-    def _status(self, now: Now, reason: str) -> Outgoing:
+    def _status_message(self, now: Now, reason: str) -> Outgoing:
         return Outgoing(STATUS.key(self.name), encode(to_message(status(self, now, reason), now.wall)))

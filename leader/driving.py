@@ -1,14 +1,14 @@
 """Driving by hand: velocities that a driver sends again and again, each of which expires soon.
 
-Each reply of the leader has a *token*, its own monotonic clock [ms] from a number on that it draws at its
-start. A velocity must return the token of a reply: the leader accepts it within `DRIVE_TIMEOUT_SECONDS` of
+Each reply of the leader has a *token*: its own monotonic clock [ms], plus a number that depends on its
+process. A velocity must return the token of a reply: the leader accepts it within `DRIVE_TIMEOUT_SECONDS` of
 that reply, and moves by it no longer than that. So however late, repeated or recorded a message is, and
-whatever a clock says, the leader stands at most `DRIVE_TIMEOUT_SECONDS` after the driver's newest input. A
-token of another process is never valid by chance of two clocks. The first request of a driver has no token
-and moves nothing.
+whatever a clock says, the leader stands at most `DRIVE_TIMEOUT_SECONDS` after the driver's newest input. The
+number makes tokens of another process invalid, even if the two clocks are equal. The first request of a
+driver has no token and moves nothing.
 
-A driver must let go, that is send zero, before it moves the leader if it was refused as another drives or the
-fleet is held, if a speed or a route was ordered while it drove, or if it drove before this leader led.
+A driver must first let go, that is send zero, if it was refused because another drives or the fleet is held,
+if a speed or a route was ordered while it drove, or if it drove before this leader led.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ RAMP_SECONDS = 0.5
 TOKEN_SECONDS = 1e-3
 """Unit of a token [s]."""
 IDLE_SECONDS = 1.0
-"""Time since its newest velocity that was not zero after which a driver keeps no other out [s]."""
+"""Time since a driver's newest velocity other than zero after which another may drive [s]."""
 MAX_DRIVERS = 16
-"""Number of drivers that are remembered; an older one must let go first."""
+"""Number of drivers that are remembered; one that was forgotten must let go first."""
 ORDERED, LET_GO = "a route or a speed was ordered: ", "let go, then drive again"
 
 
@@ -47,12 +47,12 @@ def ramped(before: Velocity, wanted: Velocity, within: Limits, dt: float) -> Vel
 
 
 @dataclass(slots=True)
-class _Known:
-    """One driver, as far as this leader knows."""
+class _KnownDriver:
+    """What this leader knows of one driver."""
 
-    begins: bool
-    """Whether its first request here had no token, and nothing has been against it since."""
-    counts: bool = False
+    is_new: bool
+    """Whether its first request here had no token, and it has not been refused since."""
+    may_drive: bool = False
     """Whether it has let go, or driven, since it was last refused."""
     released: bool = False
     """Whether its newest velocity is zero."""
@@ -62,9 +62,9 @@ class _Known:
     def outdated(self, wanted: Velocity, returned: int, age: float) -> str:
         """Return why a velocity is too old that returns a token of `age` [s]; empty if it is not."""
         if not 0.0 <= age <= DRIVE_TIMEOUT_SECONDS:
-            self.begins = False  # its token is not that of its first reply
+            self.is_new = False  # its token is not that of its first reply
             return f"too late: it answers a reply from {age:.2f} s ago; limit {DRIVE_TIMEOUT_SECONDS:g} s"
-        # of two that return one token the release counts, as it may be the newer one
+        # of two velocities with one token zero counts, as it may be the newer one
         repeated = returned == self.newest and self.released and wanted != STANDS
         return "overtaken by a newer one" if returned < self.newest or repeated else ""
 
@@ -85,20 +85,20 @@ class Driver:
         self.until = -math.inf
         """When it expires [s, monotonic]."""
         self._first = crc32(publisher_id.encode())
-        self._ended = False  # whether a route was ordered, and no driver has taken the leader from it
-        self._moved = moved  # when a velocity counted last that was not zero [s, monotonic]
-        self._known: dict[str, _Known] = {}  # by id, the one that was heard last at the end
+        self._ended = False  # whether a route was ordered, and no driver has moved the leader since
+        self._moved = moved  # when a velocity other than zero was last accepted [s, monotonic]
+        self._known: dict[str, _KnownDriver] = {}  # by id, the newest at the end
 
     def token(self, moment: float) -> int:
         """Return the token of a reply at `moment` [s, monotonic]."""
         return self._first + math.floor(moment / TOKEN_SECONDS)
 
     def live(self, moment: float) -> bool:
-        """Whether its velocity counts at `moment` [s, monotonic], and is not zero."""
+        """Whether an accepted velocity other than zero is in force at `moment` [s, monotonic]."""
         return moment < self.until and self.wanted != STANDS
 
     def drives(self, moment: float) -> bool:
-        """Whether a velocity that is not zero has counted lately at `moment` [s, monotonic]."""
+        """Whether a velocity other than zero was accepted lately, at `moment` [s, monotonic]."""
         return moment - self._moved < IDLE_SECONDS
 
     def stand(self) -> None:
@@ -106,59 +106,59 @@ class Driver:
         self.velocity = STANDS
 
     def end(self) -> None:
-        """Leave the leader to an ordered route, until a driver begins, or lets go and drives again."""
+        """Note that a route was ordered: drivers must let go before they drive again; a new one may begin."""
         self._ended, self.until = True, -math.inf
-        for one in self._known.values():
-            one.begins, one.counts = False, one.released
+        for driver in self._known.values():
+            driver.is_new, driver.may_drive = False, driver.released
 
     def accept(
         self, name: str, wanted: Velocity, returned: int, moment: float, refusal: Result | None = None
     ) -> Result:
-        """Take a velocity that arrived at `moment` [s, monotonic] with the token `returned`.
+        """Accept a velocity that arrived at `moment` [s, monotonic] with the token `returned`, or refuse it.
 
-        Return whether it counts, or why not: `refusal` if the fleet is held. A copy of a request has its
-        token, so it counts no longer than the request itself.
+        `refusal` is why none is accepted now, such as a hold. A copy of a request has the same token, so it
+        is accepted no longer than the request itself.
         """
-        if not name:  # two without one would count as one driver
+        if not name:  # two drivers without an id would look like one
             return Result(ok=False, reason="a driver must have an id")
-        one = self._recalled(name, begins=returned == 0)
+        driver = self._known_driver(name, is_new=returned == 0)
         if returned == 0:
             return refusal or Result(ok=False, reason="the first request fetches a token", code="first")
         issued = (returned - self._first) * TOKEN_SECONDS
-        if why := one.outdated(wanted, returned, moment - issued):
+        if why := driver.outdated(wanted, returned, moment - issued):
             return refusal or Result(ok=False, reason=why)
-        one.newest, one.released = returned, wanted == STANDS
-        one.counts = one.counts or one.released
-        if refusal is None and (why := self._refusal(name, one, moment)):
+        driver.newest, driver.released = returned, wanted == STANDS
+        driver.may_drive = driver.may_drive or driver.released
+        if refusal is None and (why := self._refusal(name, driver, moment)):
             refusal = Result(ok=False, reason=why)
         if refusal is not None:
-            if not one.released:
-                one.begins = one.counts = False
+            if not driver.released:
+                driver.is_new = driver.may_drive = False
             return refusal
-        one.counts, self._ended = True, False
+        driver.may_drive, self._ended = True, False
         self.name, self.wanted, self.until = name, wanted, issued + DRIVE_TIMEOUT_SECONDS
-        if not one.released:
+        if not driver.released:
             self._moved = moment
         return Result(ok=True)
 
-    def _recalled(self, name: str, *, begins: bool) -> _Known:
-        """Return what is known of a driver; `begins`: whether it begins, if it is unknown."""
-        one = self._known[name] = self._known.pop(name, _Known(begins))
+    def _known_driver(self, name: str, *, is_new: bool) -> _KnownDriver:
+        """Return what is known of a driver; `is_new` is for one that is not known yet."""
+        driver = self._known[name] = self._known.pop(name, _KnownDriver(is_new))
         if len(self._known) > MAX_DRIVERS:
             del self._known[next(iter(self._known))]
-        return one
+        return driver
 
-    def _refusal(self, name: str, one: _Known, moment: float) -> str:
-        """Return why the newest velocity of a driver does not count; empty if it does."""
+    def _refusal(self, name: str, driver: _KnownDriver, moment: float) -> str:
+        """Return why the newest velocity of a driver is refused; empty if it is not."""
         other = name != self.name and moment < self.until
         if other and self.drives(moment):
             return f"{self.name} drives"
-        if one.begins and not other:
+        if driver.is_new and not other:
             return ""
-        if not one.counts:
+        if not driver.may_drive:
             return f"{ORDERED if self._ended else ''}{LET_GO}"
-        # zero is no wish to drive: it leaves a route that was ordered
-        return f"{ORDERED}{LET_GO}" if self._ended and one.released else ""
+        # zero does not end an ordered route: the driver may only have let go
+        return f"{ORDERED}{LET_GO}" if self._ended and driver.released else ""
 
     def advance(self, within: Limits, dt: float, moment: float) -> Velocity:
         """Return the velocity for the next step, `dt` [s] after the one before; zero once it has expired."""

@@ -1,7 +1,7 @@
 """A path that a planner sends again and again: the leader joins it where it is.
 
-A planner such as Nav2's plans from where the robot is, about once a second. The leader is ahead of its robot,
-and goes on while a path is on its way: along all points of each path it would turn back again and again.
+A planner such as Nav2's plans from where the robot is, about once a second. The leader is ahead of the robot,
+and moves on until a path arrives. If it followed each path from its first point, it would turn back again.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from formation.mission.route import Leg, Straight, Waypoints
 JOINING_TIME = 1.0
 """Time from the point of a path that is nearest to the leader to where it joins, at the leg's speed [s]."""
 BRANCH_TOLERANCE = 0.5
-"""The first part of a path counts that is less than this farther off than the nearest point [m]."""
+"""The leader joins the first part of a path that is less than this farther off than the nearest point [m]."""
 
 
 class Joined(NamedTuple):
     """What is left of a path for the leader."""
 
     legs: tuple[Leg, ...]
-    along: float
+    passed: float
     """Length of the path up to the point that is nearest to the leader [m]."""
 
 
@@ -35,33 +35,33 @@ def joined(legs: Sequence[Leg], place: complex, heading: complex, since: float =
     Waypoints of the first leg that the leader has passed are left out, as are the first `since` [m] of it. A
     straight first leg of speed 0 keeps the leader's heading.
     """
-    first, along = legs[0], 0.0
+    first, passed = legs[0], 0.0
     if isinstance(first, Waypoints):
         points = [complex(x, y) for x, y in first.waypoints]
         lengths = tuple(accumulate((abs(b - a) for a, b in pairwise(points)), initial=0.0))
-        along = _nearest(points, lengths, place, since)
-        left = _after(points, lengths, along + first.speed * JOINING_TIME)
+        passed = _nearest(points, lengths, place, since)
+        left = _after(points, lengths, passed + first.speed * JOINING_TIME)
         first = first.model_copy(update={"waypoints": tuple((point.real, point.imag) for point in left)})
     elif isinstance(first, Straight) and first.speed == 0.0:
         first = first.model_copy(update={"heading_deg": math.degrees(cmath.phase(heading))})
-    return Joined((first, *legs[1:]), along)
+    return Joined((first, *legs[1:]), passed)
 
 
 def _nearest(points: Sequence[complex], lengths: Sequence[float], place: complex, since: float) -> float:
     """Return the length up to the nearest point to `place` on a path, not before `since` [m]."""
-    looks = []  # distance and length, of each stretch
+    found = []  # of each stretch, the distance of its nearest point and the length up to that [m]
     for (a, b), (begin, end) in zip(pairwise(points), pairwise(lengths), strict=True):
         if begin < end and since <= end:
             direction = (b - a) / (end - begin)
             part = min(max(((place - a) * direction.conjugate()).real, since - begin, 0.0), end - begin)
-            looks.append((abs(place - a - part * direction), begin + part))
-    near = min(looks, default=(0.0, 0.0))[0] + BRANCH_TOLERANCE
-    branch = takewhile(lambda look: look[0] <= near, dropwhile(lambda look: look[0] > near, looks))
+            found.append((abs(place - a - part * direction), begin + part))
+    near = min(found, default=(0.0, 0.0))[0] + BRANCH_TOLERANCE
+    branch = takewhile(lambda one: one[0] <= near, dropwhile(lambda one: one[0] > near, found))
     return min(branch, default=(0.0, 0.0))[1]
 
 
 def _after(points: Sequence[complex], lengths: Sequence[float], length: float) -> Sequence[complex]:
-    """Return the rest of a path from this length on [m]; of all of it, the end."""
+    """Return the rest of a path from this length on [m]; beyond its end, the last point."""
     number = bisect_right(lengths, length)
     if number == len(points):
         return points[-1:]

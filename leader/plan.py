@@ -45,7 +45,7 @@ class TeamMode:
     def __init__(self, *, hold: bool = False, publisher_id: str = "") -> None:
         """With `hold`, the fleet waits until told to run, unless it is under way.
 
-        `publisher_id` is that of its process: no request from before its start names a hold with it.
+        `publisher_id` is that of its process, and in the ids of its own holds: no earlier request names them.
         """
         self.base_mode: Literal["hold", "run"] = "run"
         """The mode in force without a stop or a hold."""
@@ -59,9 +59,9 @@ class TeamMode:
         """Whether its own hold is in force because it could not read the order that robots relay."""
         self._hold, self._publisher_id = hold, publisher_id
         self._own_hold, self._own_holds = "", 0  # id of the newest hold of its own, and how many there were
-        self._run_requested = False  # told to run, which is newer than the relayed order
+        self._run_requested = False  # whether it was told to run after the relayed order
         if hold:
-            self.wait("start")
+            self.hold_until_run("start")
 
     @property
     def hold(self) -> str:
@@ -90,21 +90,21 @@ class TeamMode:
                 return result._replace(reason=str(Reason.of(Code.NOT_DRIVEN)))
         return result
 
-    def wait(self, why: str) -> None:
+    def hold_until_run(self, why: str) -> None:
         """Hold the fleet until told to run; `why` begins the hold's id."""
         self._own_holds += 1
         self._own_hold = f"{why}-{self._publisher_id}-{self._own_holds}"
         self.base_mode, self._run_requested = "hold", False
 
-    def doubt(self) -> None:
+    def hold_until_read(self) -> None:
         """Hold until told to run, or until the order that robots relay can be read."""
-        self.wait("unread")
+        self.hold_until_run("unread")
         self.unread = True
 
     def restore(self, order: Order, *, under_way: bool = True) -> None:
         """Take over another leader's mode. A stop or a hold of either stays.
 
-        `under_way`: its beat rose a moment ago. If not, one that was started to hold waits for ``run``.
+        `under_way`: that leader's beat rose a moment ago. If not, a leader started to hold waits for ``run``.
         """
         self.inherit_stop(order)
         self.unread = False
@@ -113,14 +113,14 @@ class TeamMode:
         if order.base_mode == "run" and (under_way or not self._hold):
             self.base_mode = "run"
         elif self.base_mode == "run":
-            self.wait("term")
+            self.hold_until_run("term")
         if order.holding:
             self.rest.hold = self.rest.hold or f"term-{order.term}"
 
-    def slept(self) -> None:
-        """Wait for ``run``, if started to hold: the fleet has been without a leader for long."""
+    def hold_after_suspension(self) -> None:
+        """Hold until told to run, if started to hold: the fleet was without a leader for long."""
         if self._hold:
-            self.wait("slept")
+            self.hold_until_run("slept")
 
     def inherit_stop(self, order: Order) -> None:
         """Stop if another leader was stopped. An order has no ids, so the stop gets a new one."""
@@ -135,12 +135,12 @@ class TeamMode:
         if self.lost is None:
             return False
         self.lost = None
-        self.wait("route")
+        self.hold_until_run("route")
         return True
 
-    def end(self) -> None:
-        """Leave a hold to the next leader: an operator has ended this one, and no other takes its place."""
-        self.wait("ended")
+    def hold_at_end(self) -> None:
+        """Leave a hold to the next leader, as this one ends and no standby takes its place."""
+        self.hold_until_run("ended")
 
     def stand_by(self) -> None:
         """Become a standby: the mode is later restored from the leader's orders."""
@@ -166,15 +166,17 @@ class Plan:
         self.cohesion = Cohesion(mission)
         self.tuned: Tuned | None = None
         """Gains that replace the mission's."""
-        self.driver, self.relays = Driver(publisher_id), Relays()
+        self.driver = Driver(publisher_id)
         """Its velocity where it is driven by hand."""
+        self.relays = Relays()
+        """How late robots have its orders."""
         self.fenced: Breach | None = None
         """What would leave the bounds if the leader went on; None if nothing."""
         self.tells_motion = mission.law.uses_orders(signed=signed)
         """Whether orders give the leader's velocity."""
         self._mission, self._fence, self._publisher_id = mission, Geofence(mission), publisher_id
         self._routes = {"": self.route}
-        # the path that it has joined: its legs, how far it was along it [m], and the route's id
+        # the path that it has joined: its legs, the length of it that was behind [m], and the route's id
         self._path: tuple[tuple[Leg, ...], float, str] | None = None
 
     @property
@@ -214,7 +216,7 @@ class Plan:
         self.shape_transition.advance(
             dt,
             pace,
-            self.route.fastest(before, self.route_time),
+            self.route.max_speed(before, self.route_time),
             self.route.heading(self.route_time),
             self.route.turn_rate(self.route_time) if self.fenced is None else 0.0,
         )
@@ -265,7 +267,7 @@ class Plan:
 
     @property
     def in_force(self) -> tuple[object, ...]:
-        """All that operators have ordered; a change is published at once."""
+        """What operators have ordered; a change is published at once."""
         return self.team_mode.mode, self.shape_transition.wish, self.route.id, self.tuned
 
     def _fenced(self, dt: float) -> Breach | None:
@@ -282,8 +284,8 @@ class Plan:
         then = self._fence.breach(self.shape_transition.ahead(turned), there, self._fence.clearance)
         return None if then.excess <= max(now.excess, 0.0) + LENGTH_TOLERANCE else then
 
-    def learn(self, route: NamedRoute) -> bool:
-        """Keep another candidate's route; return whether it is the one that was missing."""
+    def add_route(self, route: NamedRoute) -> bool:
+        """Keep a published route; return whether it is the one that was missing."""
         self._routes.pop(route.id, None)
         self._routes[route.id] = route
         while len(self._routes) > MAX_ROUTES:
@@ -317,8 +319,8 @@ class Plan:
         self._restore_shape(order)
 
     def _restore_shape(self, order: Order) -> None:
-        borne = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
-        self.tuned = order.tuned if borne else None
+        acceptable = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
+        self.tuned = order.tuned if acceptable else None
         wish = Wish(order.shape, order.rotation, order.scale)
         self.shape_transition = ShapeTransition(self._mission, PlacedShape.of(order), wish, self._speed)
 
@@ -362,12 +364,13 @@ class Plan:
             why = f"{driver} drives by hand; goals and paths count {IDLE_SECONDS:g} s later"
             return Result(ok=False, reason=why, code="driven")
         if request.do in {"speed", "route"}:
-            return Result(*self._set_out(request))
+            return Result(*self._change_route(request))
         if request.do == "tune":
             return Result(*self._tune(request))
         return Result(*self._change_shape(request))
 
-    def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
+    def _change_route(self, request: OperatorRequest) -> tuple[bool, str]:
+        """Obey a speed or a route; return whether, and the answer."""
         why = intent.refusal(self._mission, request, self.wanted, gains=self.gains)
         if why is not None:
             return False, why
@@ -379,13 +382,13 @@ class Plan:
         elif request.speed is not None and request.degrees is not None:
             leg = Straight(speed=request.speed, heading_deg=request.degrees)
             route = NamedRoute.ordered((leg,), start, heading)
-        placed_shapes = (self.wanted, self._turned_back(self.shape_transition.placed_shape))
+        placed_shapes = (self.wanted, self._relative_to_leader(self.shape_transition.placed_shape))
         why, notice = intent.leaves(self._fence, route, placed_shapes, heading)
         if why is not None:
             return False, why
         self.route = route
-        self._path = (request.legs, path.along, route.id) if request.legs and path else None
-        self.learn(self.route)
+        self._path = (request.legs, path.passed, route.id) if request.legs and path else None
+        self.add_route(self.route)
         self.route_time, self.fenced = 0.0, None
         self.driver.end()
         waits = self.team_mode.replace_lost()
@@ -399,8 +402,8 @@ class Plan:
         same = known is not None and (known[0], known[2]) == (legs, self.route.id)
         return joined(legs, place, heading, known[1] if known and same else 0.0)
 
-    def _turned_back(self, placed_shape: PlacedShape) -> PlacedShape:
-        """Return the shape with its rotation as in an order: with ``turning`` from the leader's heading."""
+    def _relative_to_leader(self, placed_shape: PlacedShape) -> PlacedShape:
+        """Return the shape with its rotation as in an order: with ``turning`` relative to the heading."""
         if not self._mission.turning:
             return placed_shape
         heading = self.route.heading(self.route_time)
@@ -426,13 +429,11 @@ class Plan:
 
     def _turns_too_far(self, gains: Tuned) -> str | None:
         """Why these gains are too high for the speed of the present route; None if they are not."""
-        first, most = spectrum.greatest_leader_speed(self._mission, gains.k_p)
+        robot, limit = spectrum.greatest_leader_speed(self._mission, gains.k_p)
         speed = max((leg.speed for leg in self.route.legs), default=0.0)
-        if speed < most:
+        if speed < limit:
             return None
-        why = (
-            f"with them {first} turns too far between two commands behind a leader at {most:.3g} m/s or more"
-        )
+        why = f"{robot} turns too far between two commands behind a leader at {limit:.3g} m/s or more"
         return f"{gains.words}: {why}; the route is at {speed:g} m/s, order a lower speed first"
 
     def _change_shape(self, request: OperatorRequest) -> tuple[bool, str]:
@@ -443,7 +444,7 @@ class Plan:
             return False, intent.refusal(self._mission, request, self.wanted) or "no such shape"
         wish = Wish(shape, placed_shape.rotation, placed_shape.scale)
         path = self.shape_transition.plan_path(wish, self._speed)
-        if not self.shape_transition.sayable(path):
+        if not self.shape_transition.fits_order(path):
             return False, f"still changing for {self.shape_transition.remaining:.1f} s: ask again then"
         placed_shapes = self.shape_transition.placed_shapes(path)
         why = intent.refusal(
@@ -452,7 +453,7 @@ class Plan:
         if why is not None:
             return False, why
         changes = wish != before or not self.shape_transition.arrived
-        self.shape_transition.go(wish, path)
+        self.shape_transition.follow(wish, path)
         what = f"in shape {wish.shape}"
         if request.do == "rotate":
             what = f"turned by {math.degrees(wish.rotation):.4g}°"
@@ -464,7 +465,7 @@ class Plan:
         return True, f"{what} in {self.shape_transition.remaining:.1f} s{running}"
 
     def _leaves_later(self, placed_shape: PlacedShape) -> str | None:
-        """Return why a shape leaves the bounds on the rest of a finite route; None if it does not."""
+        """Return why a shape would leave the bounds on the rest of a finite route; None if it would not."""
         if math.isinf(self.route.total):
             return None
         route, heading, since = self.route, self.route.heading(self.route_time), self.route_time
@@ -474,7 +475,7 @@ class Plan:
 
     @property
     def _speed(self) -> float:
-        return self.route.fastest(self.route_time, self.route_time)
+        return self.route.max_speed(self.route_time, self.route_time)
 
 
 def slots_of(placed_shape: PlacedShape) -> Slots:

@@ -1,6 +1,6 @@
 """The leader, or a standby, on the bus; and its newest term on disk: its next process draws a later one.
 
-The latter is best effort: a term that could not be written or read delays the robots by at most
+The file is best effort: a term that could not be written or read delays the robots by at most
 `formation.protocol.election.TERM_EXPIRY_TIME`.
 """
 
@@ -26,7 +26,7 @@ SaveTerm = Callable[[int, float], None]
 _log = logging.getLogger(__name__)
 
 
-class Terms:
+class TermFile:
     """One candidate's term file."""
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -45,7 +45,7 @@ class Terms:
         except FileNotFoundError:
             return 0
         except OSError as error:
-            _log.warning("%s cannot be read, so no term is known: %s", self._path, error.strerror)
+            _log.warning("%s cannot be read, the last term is unknown: %s", self._path, error.strerror)
             return 0
         if not text.isdigit() or len(text) > MAX_DIGITS or int(text) >= 2**63:
             _log.warning("%s holds no term of up to %d digits: ignored", self._path, MAX_DIGITS)
@@ -76,7 +76,7 @@ class Terms:
             _log.warning("%s cannot be written: %s", self._path, error.strerror)
 
 
-class _Logged:
+class _LoggedLeader:
     """The leader, logging what changes."""
 
     def __init__(self, leader: Leader, save: SaveTerm | None) -> None:
@@ -113,10 +113,10 @@ def lead(
 
     `verifier` checks relayed orders if there are certificates; `save` stores the newest term.
     """
-    logged = _Logged(leader, save)
+    logged = _LoggedLeader(leader, save)
 
     def answer(request: bytes, received: float) -> bytes:
-        if logged.began:  # a frozen process first finds out whether it still leads
+        if logged.began:  # after a suspension, find out first whether it still leads
             process.bus.send(logged.step(process.clock(), ()))
         return leader.request(request, received)
 

@@ -1,6 +1,6 @@
-"""How late robots have the leader's orders, by the leader's own clock: the beat that each relays.
+"""How late the leader's orders reach robots, by the leader's own clock: from the beat that each relays.
 
-A delay that is constant from the start of a term shows in no arrival, and a stamp does not tell it from a
+A delay that is constant from the start of a term does not show in arrivals, and by its stamp it looks like a
 wrong clock. A relayed beat has gone to the robot and back, over all hops, so its age bounds the delay.
 """
 
@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 MAX_RELAY_AGE = 1.5
-"""Age of relayed orders on arrival beyond which the leader is not driven by hand [s], as that of answers."""
+"""Age of relayed orders on arrival beyond which the leader is not driven by hand [s]."""
 LASTING_TIME = 1.0
-"""Time for which that must last [s]: a burst of held-up messages is no constant delay."""
+"""Time for which they must be older [s]: a burst of late messages is no constant delay."""
 
 
 class Relay(NamedTuple):
@@ -46,9 +46,9 @@ class Relays:
             self._newest[robot] = Relay(beat, age, arrived, since)
 
     def late(self, moment: float) -> str:
-        """Return which robot relays orders that are too old at `moment` [s, monotonic], or "".
+        """Return which robot relays orders that are too old at `moment` [s, monotonic]; empty if none does.
 
-        A robot with a beat that no longer rises holds by itself.
+        Robots without a recent beat are left out: they hold by themselves.
         """
         late = {
             robot: one.age

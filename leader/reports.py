@@ -1,6 +1,6 @@
-"""What a candidate tells: replies to an operator's requests, and its status.
+"""What a candidate reports: replies to an operator's requests, and its status.
 
-Each candidate takes requests that change motion, only the leader the others.
+Every candidate obeys requests that change motion; only the leader obeys the others.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ MAX_NOTES = 64
 """Number of notes kept for the log."""
 
 
-class Seat(NamedTuple):
-    """The state of the candidate that receives the request."""
+class Leadership(NamedTuple):
+    """Whether this candidate leads, and what it knows of the leader."""
 
     candidacy: CandidacyState
     leader: str
@@ -41,7 +41,7 @@ class Seat(NamedTuple):
 
     @property
     def leads(self) -> bool:
-        """Whether the candidate asked is the leader."""
+        """Whether this candidate is the leader."""
         return self.candidacy == "leader"
 
 
@@ -49,20 +49,26 @@ class OperatorRequests:
     """Operator requests of one candidate."""
 
     def __init__(
-        self, name: str, plan: Plan, seat: Callable[[], Seat], addressee: Addressee, *, alone: bool
+        self,
+        name: str,
+        plan: Plan,
+        leadership: Callable[[], Leadership],
+        addressee: Addressee,
+        *,
+        alone: bool,
     ) -> None:
         """`alone`: it is the only candidate and will lead."""
         self.unpublished = False
         """Whether the last request is in no status yet."""
         self.notes: deque[str] = deque(maxlen=MAX_NOTES)
         """What has changed, for the log."""
-        self._name, self._plan, self._seat, self._alone = name, plan, seat, alone
+        self._name, self._plan, self._leadership, self._alone = name, plan, leadership, alone
         self._addressee = addressee
         self._once = Once()
         self._requests: list[tuple[AnsweredRequest, int]] = []  # recent ones, with their number of statuses
 
-    def goes_on(self, mono: float) -> None:
-        """Note that it began to lead, took over another leader's mode or has slept, at `mono` [s].
+    def note_restart(self, mono: float) -> None:
+        """Note that it began to lead, restored an order or was suspended, at `mono` [s].
 
         A request to run from before a stop or a hold that is then in force no longer counts.
         """
@@ -72,23 +78,27 @@ class OperatorRequests:
     def answer(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request, which takes effect with the next step; `received` [s, monotonic]."""
         return self._addressee.answer(
-            request, lambda: self._own_answer(request, received), lambda: self.reply(ok=False)
+            request, lambda: self._answer_here(request, received), lambda: self.reply(ok=False)
         )
 
-    def _own_answer(self, request: OperatorRequest, received: float) -> bytes:
+    def _answer_here(self, request: OperatorRequest, received: float) -> bytes:
         """Return the reply to a request for this mission, or for any."""
         if request.do == "query":
             mode = self._plan.team_mode
             return self.reply(ok=True, stop=mode.rest.stop, hold=mode.hold)
-        why = self._not_mine(request)
+        why = self._why_not_here(request)
         if why:
             return self.reply(ok=False, reason=why)
         if request.do == "drive":
             ok, reason, code = self._plan.drive(request, received)
             return self.reply(ok=ok, reason=reason, code=code, token=self._plan.driver.token(received))
-        if request.do == "run" and not self._seat().leads and self._seat().candidacy != "listening":
-            # by the next repetition it may lead, and then handles it as a new request
-            return self._answered(self._plan.team_mode.change(request, "", leads=False))
+        if (
+            request.do == "run"
+            and not self._leadership().leads
+            and self._leadership().candidacy != "listening"
+        ):
+            # not remembered: at the next repetition it may lead, and must then obey
+            return self._reply_to(self._plan.team_mode.change(request, "", leads=False))
         answer = self._once.answer(
             request,
             received,
@@ -97,7 +107,7 @@ class OperatorRequests:
         )
         # a repeated request is answered with whether it leads by now
         known = json_message.decode(OperatorReply, answer)
-        return json_message.encode(known.model_copy(update={"leads": self._seat().leads}))
+        return json_message.encode(known.model_copy(update={"leads": self._leadership().leads}))
 
     def requests(self) -> tuple[AnsweredRequest, ...]:
         """Return the requests for the next status; each stays for `STATUS_REPEATS` more."""
@@ -110,14 +120,14 @@ class OperatorRequests:
         token: int = 0,
     ) -> bytes:  # fmt: skip
         """Return the reply, encoded."""
-        seat = self._seat()
+        lead = self._leadership()
         return json_message.encode(
             OperatorReply(
                 robot=self._name,
                 ok=ok,
-                mode=seat.mode,
+                mode=lead.mode,
                 reason=shortened(reason),
-                leads=seat.leads,
+                leads=lead.leads,
                 code=code,
                 stop=stop,
                 hold=hold,
@@ -125,26 +135,26 @@ class OperatorRequests:
             )
         )
 
-    def _answered(self, result: Result) -> bytes:
+    def _reply_to(self, result: Result) -> bytes:
         return self.reply(ok=result.ok, reason=result.reason, code=result.code)
 
-    def _not_mine(self, request: OperatorRequest) -> str:
+    def _why_not_here(self, request: OperatorRequest) -> str:
         """Return why the request must go to another candidate: a standby takes only what changes motion."""
-        seat = self._seat()
-        if seat.leads or request.do in {"stop", "hold", "release"}:
+        lead = self._leadership()
+        if lead.leads or request.do in {"stop", "hold", "release"}:
             return ""
-        if seat.candidacy == "listening":
+        if lead.candidacy == "listening":
             mine = self._alone and request.do == "run"
             return "" if mine else "has just started: ask again in a second"
         if request.do == "run":
             return ""
-        return f"stands by; {seat.leader} leads" if seat.leader else "stands by; no candidate leads yet"
+        return f"stands by; {lead.leader} leads" if lead.leader else "stands by; no candidate leads yet"
 
     def _obey(self, request: OperatorRequest, received: float) -> bytes:
-        mode = self._seat().mode
+        mode = self._leadership().mode
         result = self._plan.obey(request, self._once.fact(request, received), received)
         if result.ok:
-            now = self._seat().mode
+            now = self._leadership().mode
             change = f"{mode} to {now}" if mode != now else result.reason or now
             self.notes.append(f"the operator asked for {request.do}: {change}")
         return self._note(request, result)
@@ -153,12 +163,12 @@ class OperatorRequests:
         """Return the reply. The request and its result go into a status at once."""
         self._requests.append((AnsweredRequest(request, result.ok, result.reason), 0))
         self.unpublished = True
-        return self._answered(result)
+        return self._reply_to(result)
 
 
 def status(leader: Leader, now: Now, ends: str) -> LeaderStatus:
     """Return the status; `ends` says why the process ends, empty if it does not."""
-    seat, plan, forgers = leader.seat, leader.plan, leader.forgers(now.mono)
+    lead, plan, forgers = leader.leadership, leader.plan, leader.forgers(now.mono)
     term = leader.term if leader.leads else leader.known
     refusals = leader.candidacy.refusals(now.mono)
     others = {robot: tag for robot, (tag, when) in leader.mixed.items() if now.mono - when <= REPORT_TIME}
@@ -170,13 +180,13 @@ def status(leader: Leader, now: Now, ends: str) -> LeaderStatus:
         code = Code.TERM_AHEAD if "ahead" in refusals.values() else Code.TERM_EARLIER
         reason = Reason.of(code, robots=tuple(refusals), term=term)
     else:
-        reason = _why(plan) if seat.leads else _why_not(leader)
+        reason = _standing_reason(plan) if lead.leads else _standby_reason(leader)
     return LeaderStatus(
         robot=leader.name,
-        state=LeaderState(seat.mode if seat.leads else seat.candidacy),
+        state=LeaderState(lead.mode if lead.leads else lead.candidacy),
         reason=reason,
-        leads=seat.leads,
-        leader=seat.leader,
+        leads=lead.leads,
+        leader=lead.leader,
         term=term,
         mission=leader.mission.fingerprint,
         requests=leader.operator_requests.requests(),
@@ -185,11 +195,11 @@ def status(leader: Leader, now: Now, ends: str) -> LeaderStatus:
         forged={robot: why for robot, (_, why) in forgers.items()},
         forged_count={robot: count for robot, (count, _) in forgers.items()},
         dropped=leader.dropped,
-        **(_leading(leader) if seat.leads else _latched(plan)),
+        **(_leader_fields(leader) if lead.leads else _latch_fields(plan)),
     )
 
 
-def _why(plan: Plan) -> Reason | None:
+def _standing_reason(plan: Plan) -> Reason | None:
     """What keeps the leader from going on; None if nothing does."""
     if plan.team_mode.lost:
         return plan.team_mode.lost
@@ -206,16 +216,16 @@ def _why(plan: Plan) -> Reason | None:
     return Reason(Code.ROUTE_ENDED) if plan.route_time >= plan.route.total else None
 
 
-def _why_not(leader: Leader) -> Reason | None:
-    seat = leader.seat
-    if seat.candidacy == "listening" and not leader.candidacy.receives:
+def _standby_reason(leader: Leader) -> Reason | None:
+    lead = leader.leadership
+    if lead.candidacy == "listening" and not leader.candidacy.has_received:
         return Reason(Code.NO_ROBOT)
-    if seat.candidacy != "standby":
+    if lead.candidacy != "standby":
         return None
-    return Reason.of(Code.OTHER_LEADS, robot=seat.leader) if seat.leader else Reason(Code.NO_LEADER)
+    return Reason.of(Code.OTHER_LEADS, robot=lead.leader) if lead.leader else Reason(Code.NO_LEADER)
 
 
-def _leading(leader: Leader) -> dict[str, Any]:
+def _leader_fields(leader: Leader) -> dict[str, Any]:
     plan = leader.plan
     placed_shape, gains = plan.shape_transition.placed_shape, plan.gains
     return {
@@ -236,7 +246,7 @@ def _leading(leader: Leader) -> dict[str, Any]:
     }
 
 
-def _latched(plan: Plan) -> dict[str, Any]:
+def _latch_fields(plan: Plan) -> dict[str, Any]:
     """The stop or the hold that a candidate keeps while another leads."""
     mode = plan.team_mode.rest.mode
     return {"latched": LeaderState(mode)} if mode else {}

@@ -23,7 +23,7 @@ from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
 
 MAX_COORDINATE = 1e6
-"""Largest coordinate of a `Place` [m]."""
+"""Largest magnitude of a coordinate of a `Place` [m]."""
 LOOKAHEAD_TIME = 1.0
 """How far ahead the leader's highest speed is computed [s]."""
 LOOKAHEAD_STEPS = 10
@@ -62,7 +62,7 @@ class NamedRoute(Route):
         self.id = name
         """Empty for the mission's own route."""
         self.legs = tuple(legs)
-        """Empty for a stand in place of an unknown route."""
+        """Empty if it stands instead of an unknown route."""
         self._message = message
 
     @classmethod
@@ -80,7 +80,7 @@ class NamedRoute(Route):
 
     @classmethod
     def standing(cls, name: str, place: Place) -> Self:
-        """Return a stand at `place`, in place of the unknown route `name`."""
+        """Return a route that stands at `place`, instead of the unknown route `name`."""
         return cls(name, (), complex(place.x, place.y), cmath.rect(1.0, place.heading))
 
     @classmethod
@@ -116,9 +116,9 @@ class NamedRoute(Route):
     def where(self, time: float) -> complex:
         """Return the leader's position [m; world frame] after `time` on the route [s], as it is published."""
         where = self.position(time)
-        return complex(_within(where.real), _within(where.imag))
+        return complex(_clipped(where.real), _clipped(where.imag))
 
-    def fastest(self, since: float, until: float) -> float:
+    def max_speed(self, since: float, until: float) -> float:
         """Return the leader's highest speed from `since` until `LOOKAHEAD_TIME` after `until` [m/s]."""
         step = (until + LOOKAHEAD_TIME - since) / LOOKAHEAD_STEPS
         return max(abs(self.velocity(since + number * step)) for number in range(LOOKAHEAD_STEPS + 1))
@@ -150,8 +150,8 @@ class NamedRoute(Route):
 def place_of(position: complex, heading: complex) -> Place:
     """Return the place rounded to 0.1 mm and 0.1 mrad."""
     return Place(
-        x=round(_within(position.real), 4),
-        y=round(_within(position.imag), 4),
+        x=round(_clipped(position.real), 4),
+        y=round(_clipped(position.imag), 4),
         heading=round(cmath.phase(heading), 4),
     )
 
@@ -165,5 +165,5 @@ def _steady(route: Route, time: float, pace: float) -> Steady:
     )
 
 
-def _within(value: float) -> float:
+def _clipped(value: float) -> float:
     return min(max(value, -MAX_COORDINATE), MAX_COORDINATE) if math.isfinite(value) else 0.0

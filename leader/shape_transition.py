@@ -1,18 +1,18 @@
 """Move the shape to the wanted one, smoothly and within the followers' limits.
 
-What changes is q: each shape's share, the rotation, the scale. A carrot c goes straight from where it is to
-each new wish, at a constant rate; the shape is where c was on average,
+The state of a shape is q: each shape's share, the rotation, the scale. A reference point c, the *carrot*,
+moves straight and at a constant rate to each new wish; q is its mean over the last τ,
 
-    q(φ) = 1/τ ∫_{φ-τ}^{φ} c(s) ds,
+    q(φ) = 1/τ ∫_{φ-τ}^{φ} c(s) ds.
 
-so it is continuous with a continuous velocity, never leaves the shapes' convex hull, and arrives exactly τ
-after the carrot. A new wish on the way only turns the carrot. φ is the transition's own time: it passes at
-most as fast as the clock's, and slower where a slot would otherwise move faster than its `room`: with the
-leader's velocity v, |ż_i| ≤ room_i gives |v + ż_i| ≤ |v| + room_i for every follower, in any
-direction of both.
+So q and its velocity are continuous, q never leaves the shapes' convex hull, and arrives exactly τ after the
+carrot. A new wish only gives the carrot another direction. φ is the transition's own time: it passes at most
+as fast as the clock's, and slower where a slot would otherwise be faster than its limit s_i (`_max_speeds`):
+with the leader's velocity v, |ż_i| ≤ s_i gives |v + ż_i| ≤ |v| + s_i for every follower, in any direction of
+both.
 
 With `turning` the shape also follows the leader's heading, like a body with bounded turn rate and bounded
-turn acceleration, within the same room.
+turn acceleration, within the same limits.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.plane import clip
 from formation.mission.model import Mission
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import SLOT_SPEED_SHARE, TRANSITION_SAMPLES
@@ -85,11 +86,11 @@ class Path(NamedTuple):
             whole += (b - a) * 0.5 * (before + after)
         return whole / SMOOTHING_TIME
 
-    def extended(self, time: float, point: FloatArray, lasts: float) -> Path:
-        """Return the path from the carrot at `time` to `point` in `lasts` [s], with the past for the mean."""
+    def extended(self, time: float, point: FloatArray, duration: float) -> Path:
+        """Return the path from the carrot at `time` to `point` in `duration` [s], with its past."""
         first = max((k for k, t in enumerate(self.times) if t <= time - SMOOTHING_TIME), default=0)
         kept = [k for k in range(first, len(self.times)) if self.times[k] < time]
-        times = [*(self.times[k] for k in kept), time, time + lasts]
+        times = [*(self.times[k] for k in kept), time, time + duration]
         return Path(tuple(times), (*(self.points[k] for k in kept), self.carrot(time), point))
 
     @property
@@ -111,10 +112,9 @@ class ShapeTransition:
         self._top: FloatArray = np.array([mission.robots[name].max_speed for name in mission.followers])
         self.wish = wish
         """The wanted shape."""
-        self._turn = (
-            placed_shape.rotation - wish.rotation if mission.turning else 0.0
-        )  # the leader's, as far as done
-        self._turning = 0.0  # its rate [rad/s]
+        # turn with the leader's heading so far [rad], and its rate [rad/s]
+        self._turn = placed_shape.rotation - wish.rotation if mission.turning else 0.0
+        self._turn_rate = 0.0
         shares = dict(placed_shape.mix)
         q = np.array([shares.get(shape, 0.0) for shape in self._shapes] + [0.0, placed_shape.scale])
         q[-2] = wish.rotation if mission.turning else placed_shape.rotation
@@ -142,13 +142,12 @@ class ShapeTransition:
     @property
     def placed_shape(self) -> PlacedShape:
         """Where the slots are."""
-        return self._placed_shape(self._now(self._time), self._turn)
+        return self._placed_shape(self._at(self._time), self._turn)
 
     def plan_path(self, wish: Wish, speed: float) -> Path:
         """Return the path from the current shape to `wish` with the leader at this speed [m/s]."""
         begin, target = self._path.carrot(self._time), self._target(wish)
-        lasts = self._lasts(begin, target, speed)
-        return self._path.extended(self._time, target, lasts)
+        return self._path.extended(self._time, target, self._duration(begin, target, speed))
 
     def placed_shapes(self, path: Path) -> list[PlacedShape]:
         """Return `TRANSITION_SAMPLES` shapes along a path, from the current one to its end."""
@@ -164,14 +163,14 @@ class ShapeTransition:
         turns = [left * part / (TURN_SAMPLES - 1) for part in range(TURN_SAMPLES)]
         return [one._replace(rotation=one.rotation + turn) for one in placed_shapes for turn in turns]
 
-    def sayable(self, path: Path) -> bool:
+    def fits_order(self, path: Path) -> bool:
         """Return whether an order can express the mix of shapes on the path."""
-        most = np.max([point[:-2] for point in path.points], axis=0)
-        mixed = [shape for shape, share in zip(self._shapes, most, strict=True) if share > 0.0]
+        shares = np.max([point[:-2] for point in path.points], axis=0)
+        mixed = [shape for shape, share in zip(self._shapes, shares, strict=True) if share > 0.0]
         return len(mixed) <= MAX_MIXED_SHAPES and (len(mixed) <= 2 or len("".join(mixed)) <= MAX_MIX_CHARS)
 
-    def go(self, wish: Wish, path: Path) -> None:
-        """Follow from now on this path, which `plan_path` gave for this wish."""
+    def follow(self, wish: Wish, path: Path) -> None:
+        """Follow `path` from now on, which `plan_path` gave for `wish`."""
         self.wish, self._path = wish, path
 
     def advance(self, dt: float, share: float, speed: float, heading: complex, turn_rate: float) -> None:
@@ -183,53 +182,54 @@ class ShapeTransition:
         if dt <= 0.0:
             return
         pace = min(1.0, self._pace + dt / SMOOTHING_TIME) if not self.arrived else 1.0
-        room, before = self._room(speed), self._slots(self._now(self._time), self._turn)
-        rate = self._turned(dt * share, heading, turn_rate, room, np.abs(before))
+        max_speeds, before = self._max_speeds(speed), self._slots(self._at(self._time), self._turn)
+        rate = self._next_turn_rate(dt * share, heading, turn_rate, max_speeds, np.abs(before))
 
         def fits(part: float) -> bool:
             after = self._slots(
-                self._now(self._time + part * pace * dt * share), self._turn + part * rate * dt * share
+                self._at(self._time + part * pace * dt * share), self._turn + part * rate * dt * share
             )
-            return bool(np.all(np.abs(after - before) <= room * dt))
+            return bool(np.all(np.abs(after - before) <= max_speeds * dt))
 
-        part = 1.0 if fits(1.0) else _largest(fits)
+        part = 1.0 if fits(1.0) else _largest_fitting(fits)
         self._pace = part * pace
         self._time += self._pace * dt * share
-        self._turning = part * rate
-        self._turn += self._turning * dt * share
+        self._turn_rate = part * rate
+        self._turn += self._turn_rate * dt * share
 
     def rest(self) -> None:
         """Stand still: the next motion starts from rest."""
-        self._pace, self._turning = 0.0, 0.0
+        self._pace, self._turn_rate = 0.0, 0.0
 
-    def _now(self, time: float) -> FloatArray:
+    def _at(self, time: float) -> FloatArray:
+        """Return q at `time` [s of the transition's time]."""
         return self._path.points[0] if len(self._path.times) == 1 else self._path.smooth(time)
 
-    def _turned(
-        self, dt: float, heading: complex, turn_rate: float, room: FloatArray, reach: FloatArray
+    def _next_turn_rate(
+        self, dt: float, heading: complex, turn_rate: float, max_speeds: FloatArray, reach: FloatArray
     ) -> float:
         """Return the turn rate towards the leader's heading [rad/s]; `reach`: the slots' distances [m]."""
         if not self._mission.turning or dt <= 0.0:
             return 0.0
-        most = float(np.min(room / np.maximum(reach, 1e-9), initial=MAX_TURN_RATE))
-        sharp = most / SMOOTHING_TIME  # [rad/s²]
+        limit = float(np.min(max_speeds / np.maximum(reach, 1e-9), initial=MAX_TURN_RATE))
+        acceleration = limit / SMOOTHING_TIME  # [rad/s²]
         lag = cmath.phase(heading * cmath.rect(1.0, -self._turn - turn_rate * dt))
-        wanted = turn_rate + min(max(_approach(lag, 0.7 * sharp), -abs(lag) / dt), abs(lag) / dt)
-        wanted = min(max(wanted, -most), most)
-        return self._turning + min(max(wanted - self._turning, -sharp * dt), sharp * dt)
+        wanted = turn_rate + clip(_braking_rate(lag, 0.7 * acceleration), abs(lag) / dt)
+        change = clip(clip(wanted, limit) - self._turn_rate, acceleration * dt)
+        return self._turn_rate + change
 
-    def _room(self, speed: float) -> FloatArray:
+    def _max_speeds(self, speed: float) -> FloatArray:
         """Return how fast each slot may move with the leader at this speed [m/s]."""
         return np.asarray(
             np.maximum(SLOT_SPEED_SHARE * (self._top - speed), MIN_SLOT_SPEED_SHARE * self._top)
         )
 
-    def _lasts(self, begin: FloatArray, target: FloatArray, speed: float) -> float:
+    def _duration(self, begin: FloatArray, target: FloatArray, speed: float) -> float:
         """Return how long the carrot takes from `begin` to `target` [s]."""
         parts = np.linspace(0.0, 1.0, TRANSITION_SAMPLES)
         slots = np.array([self._slots((1.0 - part) * begin + part * target, 0.0) for part in parts])
         fastest = np.max(np.abs(np.diff(slots, axis=0)), axis=0) * (TRANSITION_SAMPLES - 1)
-        return max(float(np.max(fastest / self._room(speed), initial=0.0)), 1e-3)
+        return max(float(np.max(fastest / self._max_speeds(speed), initial=0.0)), 1e-3)
 
     def _target(self, wish: Wish) -> FloatArray:
         shares = [1.0 if shape == wish.shape else 0.0 for shape in self._shapes]
@@ -246,15 +246,15 @@ class ShapeTransition:
         return PlacedShape(mix, math.remainder(float(q[-2]) + turn, math.tau), float(q[-1]))
 
 
-def _approach(lag: float, sharp: float) -> float:
-    """Return the rate for a lag [rad] from which braking by `sharp` [rad/s²] ends at lag 0."""
-    near = sharp / TURN_GAIN**2
+def _braking_rate(lag: float, deceleration: float) -> float:
+    """Return the turn rate from which braking by `deceleration` [rad/s²] ends at lag 0; `lag` in rad."""
+    near = deceleration / TURN_GAIN**2
     if abs(lag) <= near:
         return TURN_GAIN * lag
-    return math.copysign(math.sqrt(2.0 * sharp * (abs(lag) - near / 2.0)), lag)
+    return math.copysign(math.sqrt(2.0 * deceleration * (abs(lag) - near / 2.0)), lag)
 
 
-def _largest(fits: Callable[[float], bool]) -> float:
+def _largest_fitting(fits: Callable[[float], bool]) -> float:
     """Return about the largest part in [0, 1] that fits; all parts below a fitting one must fit."""
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

@@ -155,7 +155,7 @@ class AgentFiles:
 
 
 class CandidateTerms:
-    """The term file of one candidate: a `formation.leader.process.Terms`."""
+    """The term file of one candidate: a `formation.leader.process.TermFile`."""
 
     def __init__(self, disk: Disk, name: str) -> None:
         self.is_open = True

@@ -194,7 +194,7 @@ def test_relays_add_their_own_delay_to_order_age() -> None:
     for name in ("r0", "r3"):
         order = fleet.agents[name].orders.state.newest
         assert order is not None
-        true = fleet.now - leader._began - (order.beat - 1) * leader.rate.period
+        true = fleet.now - leader._first_beat_at - (order.beat - 1) * leader.rate.period
         assert ages(fleet)[name] == pytest.approx(true, abs=0.015)
 
 

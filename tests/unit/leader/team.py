@@ -199,7 +199,7 @@ class Team:
         process, candidacy = self.processes[name], self.leader(name).candidacy
         if process.alive and not process.frozen and candidacy.state == "standby":
             now = process.now(self.true)
-            candidacy._begin(now)
+            candidacy._become_candidate(now)
 
     def ask(self, name: str, request: OperatorRequest) -> None:
         """Send one process an operator request, check its gains, and note what it acknowledges."""

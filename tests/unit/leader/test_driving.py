@@ -289,7 +289,7 @@ def test_idle_driver_leaves_ordered_route_after_takeover() -> None:
         json_message.encode(OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")), end + 0.02
     )
     other = leading(CONVOY)
-    other.plan.learn(leader.plan.route)
+    other.plan.add_route(leader.plan.route)
     other.plan.restore(leader.plan.order(1, 5, "run"))
     driver.leader = other
     driver.hold_stick(end + 0.05, 0.5, 0.0)

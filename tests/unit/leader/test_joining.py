@@ -120,8 +120,8 @@ def test_joined_path_is_rest_of_the_path(
     assert leg.waypoints[-1] == path[-1]
     assert set(leg.waypoints[1:]) <= set(path)
     assert all(math.isfinite(value) for point in leg.waypoints for value in point)
-    again = joined(legs, complex(x, y), 1.0 + 0j, result.along)
-    assert again.along >= result.along
+    again = joined(legs, complex(x, y), 1.0 + 0j, result.passed)
+    assert again.passed >= result.passed
 
 
 def test_request_that_joins_must_be_a_route() -> None:

@@ -9,9 +9,9 @@ from typing import Any, cast
 
 import pytest
 
-from formation.leader.__main__ import _name
+from formation.leader.__main__ import _candidate
 from formation.leader.core import Leader
-from formation.leader.process import Terms, lead
+from formation.leader.process import TermFile, lead
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.protocol import json_message
@@ -60,7 +60,7 @@ def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.Mo
         listens(leader, now.mono - 10.0)
         core.step(now._replace(mono=now.mono - 8.0), ())
         assert leader.leads
-        monkeypatch.setattr(leader.candidacy, "_later", True)  # another leader's term has begun
+        monkeypatch.setattr(leader.candidacy, "_later_rose", True)  # another leader's term has begun
         reply = json_message.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
         assert (reply.ok, reply.leads) == (True, False), "it keeps the hold, and does not lead"
         assert "ann/position" not in {out.key for out in bus.sent}
@@ -106,7 +106,7 @@ def test_leader_logs_start_requests_and_mode_changes(caplog: pytest.LogCaptureFi
     ],
 )
 def test_candidate_name_follows_from_standby_option(mission: Mission, standby: str | None, name: str) -> None:
-    assert _name(mission, standby) == name
+    assert _candidate(mission, standby) == name
 
 
 @pytest.mark.parametrize(
@@ -120,25 +120,25 @@ def test_candidate_name_follows_from_standby_option(mission: Mission, standby: s
 )
 def test_invalid_standby_is_refused_with_known_names(mission: Mission, standby: str, why: str) -> None:
     with pytest.raises(BadInput, match=why):
-        _name(mission, standby)
+        _candidate(mission, standby)
 
 
 def test_newest_term_is_stored_and_read_again(tmp_path: Path) -> None:
-    terms = Terms(tmp_path / "state", "ann")
+    terms = TermFile(tmp_path / "state", "ann")
     assert terms.read() == 0
     terms.save(17, 1.0)
     terms.close()
-    assert Terms(tmp_path / "state", "ann").read() == 17
+    assert TermFile(tmp_path / "state", "ann").read() == 17
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"-1", b"9" * 5000, b"9223372036854775808", b"\xff\x00"])
 def test_unreadable_term_is_read_as_zero(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "ann.term").write_bytes(content)
-    assert Terms(tmp_path, "ann").read() == 0
+    assert TermFile(tmp_path, "ann").read() == 0
 
 
 def test_failed_term_write_raises_nothing(tmp_path: Path) -> None:
-    terms = Terms(tmp_path, "ann")
+    terms = TermFile(tmp_path, "ann")
     (tmp_path / "ann.new").mkdir()
     terms.save(17, 1.0)
     terms.close()

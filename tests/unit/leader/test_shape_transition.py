@@ -63,7 +63,7 @@ def room(speed: float) -> FloatArray:
 
 
 def want(moving: ShapeTransition, wish: Wish, speed: float = 0.0) -> float:
-    moving.go(wish, moving.plan_path(wish, speed))
+    moving.follow(wish, moving.plan_path(wish, speed))
     return moving.remaining
 
 
@@ -90,7 +90,7 @@ def test_slots_never_exceed_speed_of_their_robots(
     mission = FOUR.model_copy(update={"turning": turning})
     moving, heading = ShapeTransition.first(mission), mission.leader_heading
     for wish, speed, turn_rate, steps in stretches:
-        if wish is not None and moving.sayable(moving.plan_path(wish, speed)):
+        if wish is not None and moving.fits_order(moving.plan_path(wish, speed)):
             want(moving, wish, speed)
         for _ in range(steps):
             heading *= cmath.rect(1.0, turn_rate * PERIOD)
@@ -181,15 +181,15 @@ def test_at_most_eight_shapes_are_mixed() -> None:
     moving, refused = ShapeTransition.first(SIX.model_copy(update={"shapes": shapes})), 0
     for k in range(1, 12):
         path = moving.plan_path(Wish(f"shape{k}"), 0.0)
-        if not moving.sayable(path):
+        if not moving.fits_order(path):
             refused += 1
             continue
-        moving.go(Wish(f"shape{k}"), path)
+        moving.follow(Wish(f"shape{k}"), path)
         assert all(len(one.mix) <= MAX_MIXED_SHAPES for one in still(moving, 0.1))
     assert refused
     still(moving, 30.0)
     assert moving.arrived
-    assert moving.sayable(moving.plan_path(Wish("shape11"), 0.0))
+    assert moving.fits_order(moving.plan_path(Wish("shape11"), 0.0))
 
 
 def test_turning_shape_follows_leader_through_corner_and_circle() -> None:
