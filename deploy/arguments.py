@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from formation.control.laws import LAWS
-from formation.deploy.refusal import Refusal, refused, refusing
+from formation.deploy.refusal import Refusal, refuse_errors, refuse_os_errors
 from formation.mission.file import MISSION_HELP, MissionError, load
 from formation.mission.model import Mission
 from formation.transport.runtime.command_line import Parser, make_folder
@@ -68,7 +68,7 @@ def add_links(to: argparse.ArgumentParser) -> None:
 
 def read_mission(name: str, law: str | None = None) -> Mission:
     """Return the mission, with `law` if given. Raises Refusal."""
-    with refusing(MissionError):
+    with refuse_errors(MissionError):
         mission = load(name)
     return mission if law is None else mission.under(law)
 
@@ -110,7 +110,7 @@ def add_out(to: argparse.ArgumentParser, what: str, *, metavar: str = "FILE", re
 
 def check_file(flag: str, path: Path, *suffixes: str) -> None:
     """Make the folder of a file to write; raise Refusal for a path that cannot be one of these suffixes."""
-    with refused(f"{flag} {path}"):
+    with refuse_os_errors(f"{flag} {path}"):
         if path.is_dir():
             raise Refusal(f"{flag} {path}: is a folder; name a file")
         if path.suffix.lower() not in suffixes:
@@ -124,7 +124,7 @@ def text_stream(options: argparse.Namespace) -> TextIO:
     return sys.stderr if options.json else sys.stdout
 
 
-def tell(options: argparse.Namespace, words: str, result: Callable[[], Mapping[str, Any]]) -> None:
+def print_result(options: argparse.Namespace, words: str, result: Callable[[], Mapping[str, Any]]) -> None:
     """Print a command's result as its flags request: `words` for people, `result` for a script."""
     print(words, file=text_stream(options), flush=True)
     if options.json:

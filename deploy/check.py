@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_mission, parser, read_mission, tell
-from formation.deploy.refusal import refusing
-from formation.deploy.terminal.bar import waiting, warn_if_slow
+from formation.deploy.arguments import add_json, add_mission, parser, print_result, read_mission
+from formation.deploy.refusal import refuse_errors
+from formation.deploy.terminal.bar import message_if_slow, warn_if_slow
 from formation.mission.model import Mission
 from formation.simulation.compiled import LawError
 from formation.slots.geofence import Area
@@ -34,10 +34,10 @@ def main(arguments: Sequence[str]) -> int:
     mission = read_mission(options.mission, options.law)
     warn_if_slow()
     text = "checking; with many robots, and the first time, this takes ten seconds and more"
-    with waiting(text), refusing(LawError):
+    with message_if_slow(text), refuse_errors(LawError):
         found = analyse(mission)
     result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission), "links": links(mission)}
-    tell(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})
+    print_result(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})
     return 0 if found.ok else 1
 
 
@@ -138,33 +138,33 @@ def _losses(mission: Mission) -> Iterator[str]:
     if not any(loss.holding for loss in found.values()):
         yield "  any single follower may be lost: the others go on"
     else:
-        fine = [name for name, loss in found.items() if not loss.holding]
-        if fine:
-            yield f"  {_or(fine)} may be lost: the others go on"
+        replaceable = [name for name, loss in found.items() if not loss.holding]
+        if replaceable:
+            yield f"  {_joined_with_or(replaceable)} may be lost: the others go on"
     for name, loss in found.items():
-        sentences = _of_loss(mission, loss)
+        sentences = _loss_in_words(mission, loss)
         if sentences:
             yield f"  {name} lost: {sentences}"
     if mission.standbys:
         first = next(iter(mission.standbys))
         yield f"  {mission.leader} lost: {first} leads within about {mission.takeover:g} s"
     else:
-        yield f"  {mission.leader} lost: {_of_loss(mission, leader)}, for there is no standby"
+        yield f"  {mission.leader} lost: {_loss_in_words(mission, leader)}, for there is no standby"
 
 
-def _of_loss(mission: Mission, loss: Loss) -> str:
+def _loss_in_words(mission: Mission, loss: Loss) -> str:
     sentences = []
     if loss.holding:
-        everybody = len(loss.holding) >= len(mission.followers) - 1 and len(loss.holding) > 1
+        all_others = len(loss.holding) >= len(mission.followers) - 1 and len(loss.holding) > 1
         sentences.append(
-            "all others hold" if everybody else
+            "all others hold" if all_others else
             f"{', '.join(loss.holding)} {'holds' if len(loss.holding) == 1 else 'hold'}"
         )  # fmt: skip
     sentences += [f"{name} goes on by {', '.join(others)}" for name, others in loss.instead.items()]
     return "; ".join(sentences)
 
 
-def _or(names: Sequence[str]) -> str:
+def _joined_with_or(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 

@@ -37,7 +37,7 @@ LINK = ROOT / ".venv"
 STORE = ROOT / ".venvs"
 DONE = "complete"  # marker file of a complete installation
 OLDEST = (3, 11)
-MAX_ENVIRONMENTS = 3  # that in use, and those before it: processes may run in them, another Python want them
+MAX_ENVIRONMENTS = 3  # kept: the one in use, and older ones in which processes may still run
 
 
 class SetupError(Exception):
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
         if not arguments:
             print(f"{LINK} is ready")
             return 0
-        become(environment, arguments)
+        exec_command(environment, arguments)
     except (SetupError, OSError) as error:  # an OSError names the file: a full disk, a read-only checkout
         print(f"deploy/env.py: {error}", file=sys.stderr)
         return 2
@@ -80,18 +80,18 @@ def ready_environment() -> Path:
     """Return the path of the complete environment of this checkout as it is now; make it if needed."""
     environment = STORE / key_of(ROOT, sys.version_info[:2], os.uname().machine)
     if not in_use(environment):
-        with only_one():
+        with installation_lock():
             if not in_use(environment):  # another process may have made it while this one waited
                 if not complete(environment):
                     make(environment)
-                point(LINK, environment)
-                forget_old(environment)
+                link_environment(LINK, environment)
+                remove_old(environment)
     return environment
 
 
 def key_of(root: Path, version: tuple[int, ...], machine: str) -> str:
     """Return a short key of an environment's inputs: place, Python, machine, metadata, lock, recipe."""
-    import tomllib  # noqa: PLC0415  (a Python without it must get as far as the sentence that says so)
+    import tomllib  # noqa: PLC0415  (an older Python lacks it, and must first print that it is too old)
 
     pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
     metadata = [pyproject["project"], pyproject["build-system"], pyproject["tool"]["hatch"]]
@@ -117,16 +117,16 @@ def in_use(environment: Path) -> bool:
     return LINK.is_symlink() and LINK.resolve() == environment and complete(environment)
 
 
-def point(link: Path, environment: Path) -> None:
+def link_environment(link: Path, environment: Path) -> None:
     """Point the link to the environment, atomically."""
     if link.exists() and not link.is_symlink():
-        raise SetupError(f"{link} is in the way: move or remove it, this script keeps a link of that name")
+        raise SetupError(f"{link} exists and is not a link: move or remove it; a link is made there")
     new = link.with_name(f"{link.name}.{os.getpid()}")
     new.symlink_to(environment.relative_to(link.parent), target_is_directory=True)
     new.replace(link)
 
 
-def forget_old(current: Path) -> None:
+def remove_old(current: Path) -> None:
     """Remove environments that are probably no longer used."""
     others = [path for path in STORE.iterdir() if path.is_dir() and path != current]
     others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
@@ -135,9 +135,9 @@ def forget_old(current: Path) -> None:
 
 
 @contextmanager
-def only_one() -> Iterator[None]:
+def installation_lock() -> Iterator[None]:
     """Let one process at a time install in this checkout; a second one waits, with a message."""
-    import fcntl  # noqa: PLC0415  (the same for a system without it)
+    import fcntl  # noqa: PLC0415  (likewise for a system without it)
 
     STORE.mkdir(exist_ok=True)
     with (STORE / "lock").open("w") as file:
@@ -174,7 +174,7 @@ def new_environment(environment: Path) -> list[str]:
     if has_module(sys.executable, "ensurepip"):
         run_checked([sys.executable, "-m", "venv", str(environment)])
         return [python, "-m", "pip"]
-    other = some_pip()
+    other = find_pip()
     if other is None or not has_module(sys.executable, "venv"):
         package = "python{}.{}-venv".format(*sys.version_info)
         raise SetupError(
@@ -190,7 +190,7 @@ def has_module(python: str, name: str) -> bool:
     return run([python, "-c", f"import {name}"]).returncode == 0
 
 
-def some_pip() -> list[str] | None:
+def find_pip() -> list[str] | None:
     """Return a pip that can install into another environment (22.3 or newer), or None."""
     for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
         if shutil.which(command[0]) is not None:
@@ -211,7 +211,7 @@ def pins(requirements: str) -> set[str]:
     return set(re.findall(r"^([\w.-]+)==", requirements, flags=re.MULTILINE))
 
 
-def clean(environ: Mapping[str, str]) -> dict[str, str]:
+def own_variables(environ: Mapping[str, str]) -> dict[str, str]:
     """Return the caller's variables without those of other installations, such as a sourced ROS."""
     return {name: value for name, value in environ.items() if name not in {"PYTHONPATH", "PYTHONHOME"}}
 
@@ -219,7 +219,7 @@ def clean(environ: Mapping[str, str]) -> dict[str, str]:
 def run(command: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run a program without the variables of other installations; return its output."""
     return subprocess.run(
-        command, cwd=cwd, env=clean(os.environ), capture_output=True, text=True, check=False
+        command, cwd=cwd, env=own_variables(os.environ), capture_output=True, text=True, check=False
     )
 
 
@@ -233,7 +233,8 @@ def run_checked(command: Sequence[str], cwd: Path | None = None) -> None:
 def run_pip(command: Sequence[str], progress: Progress) -> None:
     """Run pip, showing its output as progress; raise SetupError with the end of it on failure."""
     # The user's configuration decides where pip fetches from, but not that it installs elsewhere than here.
-    variables = clean(os.environ) | {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_REQUIRE_HASHES": "0"}
+    variables = own_variables(os.environ)
+    variables |= {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_REQUIRE_HASHES": "0"}
     printed = []
     with subprocess.Popen(
         [*command, "--no-input", "--disable-pip-version-check", "--progress-bar=off"],
@@ -289,15 +290,15 @@ class Progress:
             print(f"\r\033[K  {elapsed:3.0f} s  {text[:60]}", end="", file=self._stream, flush=True)
 
 
-def become(environment: Path, arguments: Sequence[str]) -> NoReturn:
-    """Replace this process by the environment's command; raise SetupError if there is no such command."""
+def exec_command(environment: Path, arguments: Sequence[str]) -> NoReturn:
+    """Replace this process by a command of the environment; raise SetupError if there is no such command."""
     program = environment / "bin" / arguments[0]
     if "/" in arguments[0] or not os.access(program, os.X_OK):
         raise SetupError(
             f"there is no command {arguments[0]!r} in the environment; there are, among others, "
             "formation, pytest, ruff, mypy, lint-imports and python"
         )
-    variables = clean(os.environ)
+    variables = own_variables(os.environ)
     variables["VIRTUAL_ENV"] = str(environment)
     variables["PATH"] = os.pathsep.join([str(environment / "bin"), variables.get("PATH", os.defpath)])
     os.execve(program, [str(program), *arguments[1:]], variables)  # noqa: S606  (no shell is wanted)

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from formation.deploy.refusal import refusing
+from formation.deploy.refusal import refuse_errors
 from formation.mission.file import configuration_of
 from formation.mission.model import Mission
 from formation.transport import wiring
@@ -27,7 +27,7 @@ def operator_bus(options: argparse.Namespace, mission: Mission, names: Iterable[
     options.config = options.config or configuration_of(options.mission, OPERATOR)
     where = wiring.endpoints(mission).agents
     links = Links((), tuple(where[name] for name in names))
-    with refusing(BusError), Bus(bus_config(options, mission, links, OPERATOR)) as bus:
+    with refuse_errors(BusError), Bus(bus_config(options, mission, links, OPERATOR)) as bus:
         yield bus
 
 

@@ -11,10 +11,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, add_links, add_mission, number, parser, read_mission, tell
+from formation.deploy.arguments import (
+    add_json,
+    add_links,
+    add_mission,
+    number,
+    parser,
+    print_result,
+    read_mission,
+)
 from formation.deploy.links import no_answer_message, operator_bus
-from formation.deploy.refusal import Refusal, refusing
-from formation.deploy.terminal.bar import waiting
+from formation.deploy.refusal import Refusal, refuse_errors
+from formation.deploy.terminal.bar import message_if_slow
 from formation.mission.file import (
     DESK,
     MISSION_HELP,
@@ -31,16 +39,16 @@ from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 
-DEFAULT = "six_robots"
-"""Default mission of `formation run`, which a stop without a mission stops where no bundles are."""
+DEFAULT_MISSION = "six_robots"
+"""Default mission of `formation run`, and of `formation stop` where there are no bundles."""
 
 
 class Verb(NamedTuple):
-    """An order as typed."""
+    """An order on the command line."""
 
-    takes: dict[str, str]
+    values: dict[str, str]
     """Values of the request, with their names in the help."""
-    means: str
+    help: str
 
 
 VERBS = {
@@ -58,8 +66,8 @@ VERBS = {
     "tune": Verb({"gains": "GAIN=…"}, "other gains of the law while driving: k_p=2.5 k_i=1, or one of them"),
 }
 
-WHAT = "Give an order to the robots of a running mission, and see which robots obey.\n\norders:\n"
-AFTER = """
+SUMMARY = "Give an order to the robots of a running mission, and see which robots obey.\n\norders:\n"
+EPILOGUE = """
 
 Stop, hold, release and run go to each robot directly. The others go to the leader; its order travels
 with the positions; of several, the newest counts. Release and run end the stop or the hold that was in
@@ -85,7 +93,7 @@ Exit code 0: every robot and the leader obey; 1: at least one did not answer, re
 (after stop: it is NOT STOPPED, use its own switch); 2: no robot was asked.
 """
 STOP_EXAMPLES = f"""\
-  formation stop                 the robots of the bundles in this folder; without bundles {DEFAULT}
+  formation stop                 the robots of the bundles in this folder; without bundles {DEFAULT_MISSION}
   formation stop field           the robots of the bundles in the folder field, with its operator.json5
   formation stop my_mission.toml -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
 
@@ -117,10 +125,11 @@ def stop(arguments: Sequence[str]) -> int:
     add_request_flags(flags)
     options = flags.parse_intermixed_args(arguments)
     if options.more:
-        raise Refusal(_for_all("stop", options.more, f"formation stop {shlex.quote(options.mission)}"))
+        command = f"formation stop {shlex.quote(options.mission)}"
+        raise Refusal(_takes_nothing_more("stop", options.more, command))
     named = options.mission is not None
     if not named:
-        options.mission = found(Path())
+        options.mission = mission_to_stop(Path())
         print(f"formation: stopping {options.mission}", file=sys.stderr, flush=True)
     mission = read_mission(options.mission)
     code = give(options, mission, intent.request_for(mission, "stop"))
@@ -129,7 +138,7 @@ def stop(arguments: Sequence[str]) -> int:
     return code
 
 
-def found(here: Path) -> str:
+def mission_to_stop(here: Path) -> str:
     """Return the mission to stop if none is named. Raises Refusal if bundles of several are here."""
     desks = [here / DESK, *sorted(here.glob(f"*/{DESK}"))]
     readable = [desk for desk in desks if os.access(desk / MISSION_NAME, os.R_OK)]
@@ -137,22 +146,22 @@ def found(here: Path) -> str:
     fleets = list({os.path.realpath(desk): str(desk.parent) for desk in reversed(readable)}.values())[::-1]
     if len(fleets) > 1:
         raise Refusal(f"several fleets are here: formation stop {', or formation stop '.join(fleets)}")
-    return fleets[0] if fleets else DEFAULT
+    return fleets[0] if fleets else DEFAULT_MISSION
 
 
 def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest) -> int:
     """Ask all robots concerned, and print the answers; return the exit code. Raises Refusal."""
     recipients = asking.addressed(mission, request.do)
     with operator_bus(options, mission, recipients.names) as bus:
-        with waiting(f"asking for up to {options.timeout:g} s"):
+        with message_if_slow(f"asking for up to {options.timeout:g} s"):
             outcome = asking.give(
                 bus.question, recipients, request, options.timeout, linked=lambda: bus.links
             )
-        _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
+        _print_outcome(options, mission, outcome)  # at once: closing the bus may take its whole patience
     return 0 if outcome.obeyed else 1
 
 
-def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> None:
+def _print_outcome(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> None:
     lines = [outcome.words()]
     ends = options.connect or wiring.endpoints(mission).agents.values()
     if not outcome.answers:
@@ -161,13 +170,13 @@ def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> No
         lines.append("robots with certificates answer only an operator's: name its configuration, -c FILE")
     if outcome.missing and (name := _not_the_operators(options.config)):
         lines.append(f"only the operator may give orders; {options.config} has the certificate of {name!r}")
-    tell(options, "\n".join(lines), outcome.report)
+    print_result(options, "\n".join(lines), outcome.report)
 
 
 def _options() -> argparse.ArgumentParser:
-    typed = {do: " ".join([do, *verb.takes.values()]) for do, verb in VERBS.items()}
-    orders = [f"  {typed[do]:<18}{verb.means}" for do, verb in VERBS.items()]
-    options = parser("order", WHAT + "\n".join(orders) + AFTER, EXAMPLES)
+    typed = {do: " ".join([do, *verb.values.values()]) for do, verb in VERBS.items()}
+    orders = [f"  {typed[do]:<18}{verb.help}" for do, verb in VERBS.items()]
+    options = parser("order", SUMMARY + "\n".join(orders) + EPILOGUE, EXAMPLES)
     options.usage = "formation order [options] MISSION ORDER"
     add_mission(options, law=False)
     options.add_argument("order", metavar="ORDER", nargs="*", help="one of those above")
@@ -201,18 +210,18 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
     if do == "tune":
         return _request_for(mission, do, _gains(given))
     if given and do in MOTION:
-        raise Refusal(_for_all(do, given, f"formation order MISSION {do}"))
-    if len(given) != len(verb.takes):
-        takes = " and ".join(verb.takes.values()) or "nothing more"
+        raise Refusal(_takes_nothing_more(do, given, f"formation order MISSION {do}"))
+    if len(given) != len(verb.values):
+        takes = " and ".join(verb.values.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
     what = {
-        name: READ_AS[name](text) if name in READ_AS else _number(f"{do} {label}", text)
-        for (name, label), text in zip(verb.takes.items(), given, strict=True)
+        name: READERS[name](text) if name in READERS else _number(f"{do} {label}", text)
+        for (name, label), text in zip(verb.values.items(), given, strict=True)
     }
     return _request_for(mission, do, what)
 
 
-def _for_all(do: str, given: Sequence[str], command: str) -> str:
+def _takes_nothing_more(do: str, given: Sequence[str], command: str) -> str:
     """Return why a stop, hold, release or run takes nothing more, such as a robot's name."""
     return (
         f"{do} is for all robots and takes nothing more; here: {' '.join(given)}. All robots: {command}."
@@ -221,7 +230,7 @@ def _for_all(do: str, given: Sequence[str], command: str) -> str:
 
 
 def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
-    with refusing(ValueError):
+    with refuse_errors(ValueError):
         return intent.request_for(mission, do, **what)
 
 
@@ -251,11 +260,11 @@ def _number(what: str, text: str) -> float:
 
 
 def _route(file: str) -> Any:
-    with refusing(MissionError):
+    with refuse_errors(MissionError):
         return parse_route(*read(file))
 
 
-READ_AS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}
+READERS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}
 """Readers of values that are not numbers."""
 
 

@@ -10,7 +10,7 @@ class Refusal(Exception):  # noqa: N818 - not an error of the program
 
 
 @contextmanager
-def refused(what: str) -> Iterator[None]:
+def refuse_os_errors(what: str) -> Iterator[None]:
     """Turn system errors inside into a Refusal: a forbidden folder, a name that is too long."""
     try:
         yield
@@ -29,7 +29,7 @@ def _why(error: OSError) -> str | None:
 
 
 @contextmanager
-def refusing(kind: type[Exception]) -> Iterator[None]:
+def refuse_errors(kind: type[Exception]) -> Iterator[None]:
     """Turn errors of this kind inside into a Refusal with their text."""
     try:
         yield

@@ -15,7 +15,7 @@ import tomlkit
 
 from formation.agent.simulated.faults import Fault
 from formation.agent.simulated.flags import NEEDED
-from formation.deploy.arguments import add_dask, add_json, add_mission, number, parser, tell, whole
+from formation.deploy.arguments import add_dask, add_json, add_mission, number, parser, print_result, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, spelled
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
     fewest = {one.seed: faults for one, faults in zip(failed, shortest, strict=False)}
     took = time.monotonic() - began
     lines = {seed: _command(options, seed, faults) for seed, faults in fewest.items()}
-    tell(
+    print_result(
         options,
         _words(mission, plan, verdicts, lines, took),
         lambda: _report(mission, plan, verdicts, lines, took),

@@ -21,13 +21,13 @@ from formation.deploy.arguments import (
     check_file,
     number,
     parser,
+    print_result,
     read_mission,
-    tell,
     whole,
 )
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 from formation.deploy.rehearsal.workers import each
-from formation.deploy.terminal.bar import Bar, waiting, warn_if_slow
+from formation.deploy.terminal.bar import Bar, message_if_slow, warn_if_slow
 from formation.deploy.terminal.units import metres
 from formation.mission.model import MAX_HORIZON, Mission
 from formation.mission.route import Route
@@ -70,12 +70,12 @@ def main(arguments: Sequence[str]) -> int:
     except MemoryError:
         raise Refusal(f"--runs {options.runs}: more than fits into memory; take fewer") from None
     if options.plot is not None and result.history is not None:
-        with refused(f"--plot {options.plot}"):
+        with refuse_os_errors(f"--plot {options.plot}"):
             draw(result.history, options.plot)
     drawn = options.runs > 1 or options.spread is not None
     text = words(mission, options.seed if drawn else None, result)
     figure = "" if options.plot is None else f"\n  figure           {options.plot}"
-    tell(options, text + figure, lambda: report(mission, options, result))
+    print_result(options, text + figure, lambda: report(mission, options, result))
     return 0
 
 
@@ -95,7 +95,8 @@ def _simulated(mission: Mission, options: argparse.Namespace) -> Result:
     with ExitStack() as stack:
         bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
         first = stack.enter_context(ExitStack())
-        first.enter_context(waiting("compiling the law; the first time that takes ten seconds and more"))
+        text = "compiling the law; the first time that takes ten seconds and more"
+        first.enter_context(message_if_slow(text))
 
         def show_progress(share: float) -> None:
             first.close()  # at the first progress all is compiled

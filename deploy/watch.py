@@ -18,8 +18,8 @@ from rich.console import Console
 
 from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission, text_stream
 from formation.deploy.links import no_answer_message
-from formation.deploy.refusal import refusing
-from formation.deploy.terminal.bar import waiting
+from formation.deploy.refusal import refuse_errors
+from formation.deploy.terminal.bar import message_if_slow
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
 from formation.deploy.terminal.views import view_for
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str]) -> int:
     options.config = options.config or configuration_of(options.mission, MONITOR)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
-        with refusing(BusError):
+        with refuse_errors(BusError):
             watcher = Watcher(mission, options, stack)
         return _once(watcher, options, stop) if options.once else _watch(watcher, options, stop)
 
@@ -170,7 +170,7 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
 
 def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     """Show one picture, as soon as it is complete."""
-    with waiting(f"looking for the robots, {COMPLETE_TIMEOUT_SECONDS:g} s at most"):
+    with message_if_slow(f"looking for the robots, {COMPLETE_TIMEOUT_SECONDS:g} s at most"):
         snapshot = watcher.look()
         while not (stop or _complete(snapshot) or watcher.elapsed > COMPLETE_TIMEOUT_SECONDS):
             time.sleep(STEP_PERIOD)

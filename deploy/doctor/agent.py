@@ -32,7 +32,7 @@ REPORTED = frozenset(
     }
 )  # fmt: skip
 """Reasons that another finding reports."""
-WORDS = {
+DIAL_RESULTS = {
     "refused": (
         "refuses the connection",
         "the computer is on: start the process there, or correct its endpoint in the mission",
@@ -63,14 +63,14 @@ WORDS = {
 
 
 def _agent(facts: Facts) -> Iterator[Finding]:
-    quiet = facts.status is not None and not facts.status.received
+    silent = facts.status is not None and not facts.status.received
     if facts.status is not None and facts.status.bad:
         yield Finding(
             f"{facts.part}-unreadable",
             f"{len(facts.status.bad)} statuses of its {facts.part} cannot be read: {facts.status.bad[-1]}",
             "it may run another version of formation: formation deploy push installs this one",
         )
-    elif quiet and not facts.router_trouble and not _unreached(facts):
+    elif silent and not facts.router_error and not _unreached(facts):
         yield Finding(
             f"{facts.part}-silent",
             f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
@@ -233,7 +233,7 @@ def _silence(facts: Facts, neighbour: str) -> float | None:
 
 
 def _unreachable(facts: Facts, name: str, reached: Reached) -> Finding:
-    sentence, remedy = WORDS[reached.outcome]
+    sentence, remedy = DIAL_RESULTS[reached.outcome]
     detail = (
         f" ({reached.detail})" if reached.detail and reached.outcome in {"untrusted", "turned away"} else ""
     )

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
-from formation.deploy.arguments import add_json, number, parser, read_mission, tell, text_stream
+from formation.deploy.arguments import add_json, number, parser, print_result, read_mission, text_stream
 from formation.deploy.doctor import gather, tls
 from formation.deploy.doctor.agent import AGENT, LEADING, MISSION, NEIGHBOURS, REFUSALS
 from formation.deploy.doctor.facts import Checked, examine
@@ -18,7 +18,7 @@ from formation.deploy.doctor.robot import CERTIFICATES, CLOCKS, ODOMETRY, ROBOT_
 from formation.deploy.doctor.sight import SCANNER, SIGHT
 from formation.deploy.fleet.fleet import PREFIX
 from formation.deploy.refusal import Refusal
-from formation.deploy.terminal.bar import waiting
+from formation.deploy.terminal.bar import message_if_slow
 from formation.mission.file import MISSION_HELP, configuration_of
 from formation.mission.model import Mission
 from formation.transport.asking import OPERATOR
@@ -75,12 +75,12 @@ def main(arguments: Sequence[str]) -> int:
         mission, robot = read_mission(options.mission), options.robot
         if robot is None:
             options.config = options.config or configuration_of(options.mission, OPERATOR)
-    with waiting(f"listening for {options.seconds:g} s, and dialling"):
+    with message_if_slow(f"listening for {options.seconds:g} s, and dialling"):
         checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
     text = words(checks, style(text_stream(options)))
     if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
         text += "\nrobots with certificates answer only an operator's: name its configuration, -c FILE"
-    tell(options, text, lambda: {"mission": mission.name, **as_object(checks)})
+    print_result(options, text, lambda: {"mission": mission.name, **as_object(checks)})
     return 0 if ok(checks) else 1
 
 

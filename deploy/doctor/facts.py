@@ -146,7 +146,7 @@ class Facts:
     """Signs of life: arrival [s, monotonic] and stated time [s since the agent's start]."""
     router: str | None = None
     """Expected endpoint of the robot's own bridge or router; None at the desk."""
-    router_trouble: str = ""
+    router_error: str = ""
     """Why it was not reached; empty if it was."""
     routed: bool | None = None
     """Whether cmd_vel has a subscriber."""

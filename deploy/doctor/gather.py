@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from formation.deploy.doctor import tls
 from formation.deploy.doctor.facts import (
@@ -25,9 +25,9 @@ from formation.deploy.doctor.facts import (
     ScanMessage,
     Stream,
 )
-from formation.deploy.doctor.tls import Credentials, reach
+from formation.deploy.doctor.tls import Credentials, dial
 from formation.deploy.fleet.on_robot import output_of, unit_facts
-from formation.deploy.refusal import refusing
+from formation.deploy.refusal import refuse_errors
 from formation.mission.file import MissionError, load
 from formation.mission.model import Mission
 from formation.mission.robot import ScanSpec
@@ -63,32 +63,10 @@ def robot_facts(
 ) -> Facts:
     """Return all facts about `robot`, which is this machine; `installed` is its mission file."""
     where = endpoints(mission).agents
-    received: Listened = {}
-    trouble, routed, watchdog_state, ended = "", None, None, float("-inf")
-    subscribers: tuple[RosNode, ...] = ()
-    publishers: tuple[RosNode, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
     if mission.robots[robot].scanner != "none":
         keys[SCAN] = SCAN.key(robot)
-    naming = Naming.of(mission.robots, [robot])
-    with refusing(BusError):
-        config = BusConfig(
-            connect=(router,), mode="client", adminspace=False, name=NODE, connect_flag="--robot-connect"
-        )
-    try:
-        with Bus(config) as bus:
-            if _linked(bus):
-                routed, watchdog_state = _routed(bus, naming, robot), _watchdog(bus, naming, robot)
-                for key in keys.values():
-                    bus.subscribe(naming.wire(key), key)
-                received, ended = _listen(bus, seconds), time.monotonic()
-                found = list(_command_nodes(bus, mission, naming, robot))
-                subscribers = tuple(node for kind, node in found if kind == "MS")
-                publishers = tuple(node for kind, node in found if kind == "MP")
-            else:
-                trouble = "no link"
-    except BusError as error:
-        trouble = str(error)
+    received, from_router = _router_facts(mission, robot, seconds, router, keys.values())
     pose = partial(decode, Pose)
     external = mission.robots[robot].localisation == "external"
     status, newest = _statuses(AgentStatus, received.get(keys[STATUS], []))
@@ -98,7 +76,6 @@ def robot_facts(
         robot=robot,
         on_robot=True,
         seconds=seconds,
-        ended=ended,
         odometry=None if external else _stream(partial(decode, Odometry), received.get(keys[ODOM], [])),
         pose=_stream(pose, received.get(keys[POSE], [])) if external else None,
         scan=scan if SCAN in keys else None,
@@ -108,18 +85,42 @@ def robot_facts(
         newest_status=newest,
         alive=_signs(received.get(keys[ALIVE], [])),
         router=router,
-        router_trouble=trouble,
-        routed=routed,
-        watchdog_state=watchdog_state,
         watchdog_unit=_watchdog_unit(),
-        subscribers=subscribers,
-        publishers=publishers,
-        reached={name: reach(where[name], credentials) for name in partners(mission, robot)},
+        reached={name: dial(where[name], credentials) for name in partners(mission, robot)},
         certificate=_certificate(robot, credentials),
         chrony=_chrony(),
         installed_differs=_differs(mission, installed),
         wall=time.time(),
+        **from_router,
     )
+
+
+def _router_facts(
+    mission: Mission, robot: str, seconds: float, router: str, keys: Iterable[str]
+) -> tuple[Listened, dict[str, Any]]:
+    """Return what arrives on `keys` from the robot's router within `seconds`, and other fields of `Facts`."""
+    received: Listened = {}
+    fields: dict[str, Any] = {}
+    naming = Naming.of(mission.robots, [robot])
+    with refuse_errors(BusError):
+        config = BusConfig(
+            connect=(router,), mode="client", adminspace=False, name=NODE, connect_flag="--robot-connect"
+        )
+    try:
+        with Bus(config) as bus:
+            if not _linked(bus):
+                return {}, {"router_error": "no link"}
+            fields["routed"] = _routed(bus, naming, robot)
+            fields["watchdog_state"] = _watchdog(bus, naming, robot)
+            for key in keys:
+                bus.subscribe(naming.wire(key), key)
+            received, fields["ended"] = _listen(bus, seconds), time.monotonic()
+            found = list(_command_nodes(bus, mission, naming, robot))
+            fields["subscribers"] = tuple(node for kind, node in found if kind == "MS")
+            fields["publishers"] = tuple(node for kind, node in found if kind == "MP")
+    except BusError as error:
+        fields["router_error"] = str(error)
+    return received, fields
 
 
 def fleet_facts(
@@ -138,27 +139,15 @@ def fleet_facts(
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
     keys = {name: STATUS.key(name) for name in robots}
-    with (
-        refusing(BusError),
-        Bus(
-            BusConfig(
-                implied=Links((), dialled), namespace=mission.team or "", config_file=config, name=OPERATOR
-            )
-        ) as bus,
-    ):
-        for key in keys.values():
-            bus.subscribe(key)
-        early = _listen(bus, LINK_TIME, keys.values())
-        received, ended = _listen(bus, seconds), time.monotonic()
-    for key, samples in early.items():
-        received.setdefault(key, [])[:0] = samples
+    with refuse_errors(BusError):
+        received, ended = _from_fleet(mission, tuple(keys.values()), dialled, seconds, config)
     with ThreadPoolExecutor(max_workers=16) as pool:
-        reached = dict(zip(robots, pool.map(lambda end: reach(end, credentials), dialled), strict=True))
+        reached = dict(zip(robots, pool.map(lambda end: dial(end, credentials), dialled), strict=True))
     statuses = {
         name: _statuses(LeaderStatus if name in mission.candidates else AgentStatus, received.get(key, []))
         for name, key in keys.items()
     }
-    known = {name: newest for name, (_, newest) in statuses.items() if newest is not None}
+    agents = {name: newest for name, (_, newest) in statuses.items() if isinstance(newest, AgentStatus)}
     return [
         Facts(
             mission=mission,
@@ -170,20 +159,29 @@ def fleet_facts(
             newest_status=newest,
             reached={name: reached[name]},
             certificate=_certificate(name, found.get(name)),
-            doubled=tuple(
-                other
-                for other, status in known.items()
-                if isinstance(status, AgentStatus) and name in status.contested
-            ),
-            seen_by=tuple(
-                other
-                for other, status in known.items()
-                if isinstance(status, AgentStatus) and _sees(mission, status, other, name)
-            ),
+            doubled=tuple(other for other, status in agents.items() if name in status.contested),
+            seen_by=tuple(other for other, status in agents.items() if _sees(mission, status, other, name)),
             wall=time.time(),
         )
         for name, (stream, newest) in statuses.items()
     ]
+
+
+def _from_fleet(
+    mission: Mission, keys: Sequence[str], dialled: tuple[str, ...], seconds: float, config: Path | None
+) -> tuple[Listened, float]:
+    """Return what arrives on `keys` while linking and for `seconds` after, and its end [s, monotonic]."""
+    bus_config = BusConfig(
+        implied=Links((), dialled), namespace=mission.team or "", config_file=config, name=OPERATOR
+    )
+    with Bus(bus_config) as bus:
+        for key in keys:
+            bus.subscribe(key)
+        early = _listen(bus, LINK_TIME, keys)
+        received, ended = _listen(bus, seconds), time.monotonic()
+    for key, samples in early.items():
+        received.setdefault(key, [])[:0] = samples
+    return received, ended
 
 
 def _sees(mission: Mission, status: AgentStatus, robot: str, other: str) -> bool:
@@ -273,7 +271,7 @@ def _certificate(name: str, credentials: Credentials | None) -> Certificate | No
 def _differs(mission: Mission, installed: Path | None) -> str | None:
     if installed is None:
         return None
-    with refusing(MissionError):
+    with refuse_errors(MissionError):
         return "" if load(installed) == mission else str(installed)
 
 

@@ -30,7 +30,7 @@ OTHERS_MODE_BITS = 0o007
 
 
 def _link(facts: Facts) -> Iterator[Finding]:
-    if facts.router_trouble:
+    if facts.router_error:
         yield Finding(
             "router-missing",
             f"nothing answers at {facts.router}, where the robot's bridge or router should be",
@@ -60,7 +60,7 @@ def _link(facts: Facts) -> Iterator[Finding]:
     elif (
         link not in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
         and facts.routed is None
-        and not facts.router_trouble
+        and not facts.router_error
     ):
         yield Finding(
             "route-lost",
@@ -99,7 +99,7 @@ def _watchdog(facts: Facts) -> Iterator[Finding]:
             f"the watchdog does not run: systemd calls it {facts.watchdog_unit}",
             "sudo systemctl restart formation-watchdog; journalctl -u formation-watchdog says why",
         )
-    elif facts.watchdog_state == "" and not facts.router_trouble:
+    elif facts.watchdog_state == "" and not facts.router_error:
         yield Finding(
             "watchdog-down",
             "no watchdog answers: if the agent dies, the robot drives on",
@@ -123,7 +123,7 @@ def _short(ros_type: str) -> str:
 
 
 def _odometry(facts: Facts) -> Iterator[Finding]:
-    if facts.router_trouble:
+    if facts.router_error:
         return  # one explains the other
     wanted = 1.0 / facts.period
     rates = wanted, MIN_RATE_SHARE * wanted, MAX_RATE_SHARE * wanted

@@ -22,7 +22,7 @@ SEARCHES = (
 
 def _scanner(facts: Facts) -> Iterator[Finding]:
     spec = None if facts.leads else facts.mission.robots[facts.robot]
-    if spec is None or spec.scanner == "none" or facts.router_trouble:
+    if spec is None or spec.scanner == "none" or facts.router_error:
         return
     if facts.scan is not None:
         faults = list(stream_findings(facts, "scan", "the range scan", facts.scan, _rates(spec.scan)))

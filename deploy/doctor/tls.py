@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from formation.deploy.doctor.facts import Certificate, Outcome, Reached
-from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.refusal import Refusal, refuse_errors
 from formation.transport.bus import setting
 from formation.transport.bus_config import BusError
 
@@ -22,7 +22,7 @@ CONNECT_TIMEOUT_SECONDS = 2.0
 """Time for a connection, and for a handshake [s]."""
 LATE_REFUSAL_TIME = 0.3
 """Time after our half of a TLS 1.3 handshake in which the other side may still refuse [s]."""
-GONE = {errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ENETDOWN}
+UNREACHABLE_ERRNOS = {errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ENETDOWN}
 NO_CHECK_TIME = 0x20_0000
 """OpenSSL's X509_V_FLAG_NO_CHECK_TIME: read expired certificates too."""
 
@@ -37,7 +37,7 @@ class Credentials(NamedTuple):
 
 def credentials_of(config: Path) -> Credentials | None:
     """Return the TLS files of a Zenoh configuration; None if it has no TLS. Raises Refusal."""
-    with refusing(BusError):
+    with refuse_errors(BusError):
         tls = setting(config, "transport/link/tls")
     names = "root_ca_certificate", "connect_certificate", "connect_private_key"
     words = [str((tls or {}).get(name) or "") for name in names]
@@ -62,13 +62,13 @@ def read(name: str, credentials: Credentials) -> Certificate | None:
     path, wanted = str(credentials.certificate), name
     try:
         mode = stat.S_IMODE(credentials.key.stat().st_mode)
-        shown = _shown(credentials)
+        shown = _certificate_content(credentials)
     except PermissionError:
         return None
     except FileNotFoundError as error:
         return Certificate(path=path, wanted=wanted, problem=f"{error.filename or 'a file'} is missing")
     except ssl.SSLError as error:
-        return Certificate(path=path, wanted=wanted, problem=_trouble(error))
+        return Certificate(path=path, wanted=wanted, problem=_certificate_problem(error))
     except OSError as error:
         return Certificate(path=path, wanted=wanted, problem=error.strerror or str(error))
     return Certificate(
@@ -90,7 +90,7 @@ def context(credentials: Credentials, *, server: bool = False) -> ssl.SSLContext
     return made
 
 
-def reach(endpoint: str, credentials: Credentials | None) -> Reached:
+def dial(endpoint: str, credentials: Credentials | None) -> Reached:
     """Dial `endpoint`; without credentials only connect to a TLS endpoint, without a handshake."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
@@ -108,7 +108,7 @@ def reach(endpoint: str, credentials: Credentials | None) -> Reached:
         return Reached(endpoint, "unknown name", str(error))
 
 
-def _shown(credentials: Credentials) -> dict[str, object]:
+def _certificate_content(credentials: Credentials) -> dict[str, object]:
     """Return the certificate's content, after a handshake as a client with a server of the same authority."""
     server, client = context(credentials, server=True), context(credentials)
     server.verify_flags |= NO_CHECK_TIME
@@ -130,7 +130,7 @@ def _shown(credentials: Credentials) -> dict[str, object]:
     return dict(ends[0].getpeercert() or {})
 
 
-def _trouble(error: ssl.SSLError) -> str:
+def _certificate_problem(error: ssl.SSLError) -> str:
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its authority does not vouch for it: {error.verify_message}"
     reason = (error.reason or "").replace("_", " ").lower()
@@ -164,10 +164,10 @@ def _handshake(endpoint: str, plain: socket.socket, host: str, credentials: Cred
     except ssl.SSLCertVerificationError as error:
         return Reached(endpoint, "untrusted", error.verify_message)
     except ssl.SSLError as error:
-        return Reached(endpoint, *_alert(error))
+        return Reached(endpoint, *_refusal(error))
 
 
-def _alert(error: ssl.SSLError) -> tuple[Outcome, str]:
+def _refusal(error: ssl.SSLError) -> tuple[Outcome, str]:
     reason = (error.reason or str(error)).replace("_", " ").lower()
     if "wrong version" in reason or "record layer" in reason or "http request" in reason:
         return "no TLS", reason
@@ -179,6 +179,6 @@ def _outcome(error: OSError) -> Outcome:
         return "unknown name"
     if isinstance(error, ConnectionRefusedError):
         return "refused"
-    if error.errno in GONE:
+    if error.errno in UNREACHABLE_ERRNOS:
         return "no route"
     return "turned away" if isinstance(error, ConnectionResetError) else "no answer"

@@ -17,7 +17,7 @@ from formation.deploy.driving.inputs import KEY_SECONDS, QUIT, RELEASED, Gamepad
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.driving.ros import add_router, listening, router, topic
 from formation.deploy.links import operator_bus
-from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.refusal import Refusal, refuse_errors
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> int:
     speed = _within("--speed", options.speed, most.speed, "m/s")
     turn_rate = _within("--turn-rate", options.turn_rate, most.turn_rate, "rad/s")
     with (
-        refusing(BusError),
+        refuse_errors(BusError),
         _input(options, speed, turn_rate) as read,
         operator_bus(options, mission, mission.candidates) as bus,
     ):
@@ -132,15 +132,15 @@ class _Drive:
         keys, payload = self._remote.request(forward, turn_rate, sent)
         self._open += [(self._bus.question(key, payload, DRIVE_TIMEOUT_SECONDS), sent) for key in keys]
         while (now := monotonic()) < sent + PERIOD_SECONDS:
-            self._take(now)
+            self._collect_answers(now)
             time.sleep(0.002)
         self._show(f"{forward:+.2f} m/s {turn_rate:+.2f} rad/s  {self._remote.state.words(now)}")
 
-    def _take(self, now: float) -> None:
+    def _collect_answers(self, now: float) -> None:
         waiting = []
         for question, sent in self._open:
             replies = [reply.payload for reply in list(question.replies)]
-            self._remote.answered(replies, sent, now)
+            self._remote.process_replies(replies, sent, now)
             if not replies and not question.over and now - sent < DRIVE_TIMEOUT_SECONDS:
                 waiting.append((question, sent))
         self._open = waiting
@@ -176,7 +176,7 @@ def _topic(options: argparse.Namespace, twists: Twists) -> Iterator[Callable[[],
                 twist = decode(_type_of(sample.payload), sample.payload)
             except BadMessage as bad:
                 raise Ended(1, f"{sample.key}: {bad}") from None
-            twists.take(twist.speed, twist.turn_rate, sample.arrived)
+            twists.add(twist.speed, twist.turn_rate, sample.arrived)
             if twists.contradict:
                 raise Ended(1, f"{sample.key}: {CONTRADICTION}")
         return twists.velocity(monotonic())

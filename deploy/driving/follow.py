@@ -17,7 +17,7 @@ from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.navigation import Navigation
 from formation.deploy.driving.ros import add_router, listening, router, topic
 from formation.deploy.links import operator_bus
-from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.refusal import Refusal, refuse_errors
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.mission.route import Straight
@@ -83,10 +83,10 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal("--action is of use with --paths only")
     statuses = f"{options.action.strip('/')}/_action/status" if options.action else None
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
-    with refusing(ValueError):
+    with refuse_errors(ValueError):
         intent.request_for(mission, "speed", speed=speed, degrees=0.0)
     with (
-        refusing(BusError),
+        refuse_errors(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
         listening(*router(options), topics) as ros,
         # on a bus of its own: of many paths the oldest are lost
@@ -108,7 +108,7 @@ def _follow(ros: Bus, action: Bus | None, follower: Follower) -> NoReturn:
     while True:
         (action or ros).wait(PERIOD_SECONDS)
         samples = [sample for bus in (ros, action) if bus for sample in bus.drain()]
-        for words in follower.take_all(sorted(samples, key=attrgetter("arrived"))):
+        for words in follower.follow_messages(sorted(samples, key=attrgetter("arrived"))):
             print(words, flush=True)
         before, linked = linked, action is not None and action.links > 0
         if before and not linked:
@@ -143,7 +143,7 @@ class Follower:
         self.follows = False
         """Whether the leader may be on a route from here."""
 
-    def take_all(self, samples: Sequence[Sample]) -> Iterator[str]:
+    def follow_messages(self, samples: Sequence[Sample]) -> Iterator[str]:
         """Take messages: every status, and of goals and paths the newest. Yields the answers in words."""
         newest = None
         for sample in samples:
@@ -151,7 +151,7 @@ class Follower:
                 newest = sample
                 continue
             worked = self._navigation.active
-            if words := self._take_status(sample):
+            if words := self._follow_status(sample):
                 yield words
             if worked and not self._navigation.active:  # a path from before is that of an ended goal
                 self._early = None
@@ -162,7 +162,7 @@ class Follower:
         if newest is not None and (
             self._navigation.active or newest.key != self._paths or not self._statuses
         ):
-            yield self.take(newest)
+            yield self.follow_message(newest)
         elif newest is not None:
             if newest is not early:
                 yield f"{newest.key}: not followed, as no goal is active by {self._statuses}"
@@ -170,21 +170,21 @@ class Follower:
         if self._why and monotonic() >= self._retry_at:
             yield self._stand(self._why)
 
-    def _take_status(self, sample: Sample) -> str:
+    def _follow_status(self, sample: Sample) -> str:
         """Take a message of the action; return what follows from it, in words."""
         try:
-            ended = self._navigation.take(decode(GoalStatuses, sample.payload))
+            ended = self._navigation.update(decode(GoalStatuses, sample.payload))
         except BadMessage as error:
             return self.doubt(f"{sample.key}: {error}")
         return self._stand(f"{sample.key}: the goal was {ended}") if ended else ""
 
     def doubt(self, why: str) -> str:
         """Let the leader stand until the next goal, as this one may have ended; return the words."""
-        self._navigation.take(GoalStatuses(()))
+        self._navigation.update(GoalStatuses(()))
         self._early = None
         return self._stand(why)
 
-    def take(self, sample: Sample) -> str:
+    def follow_message(self, sample: Sample) -> str:
         """Order the route of one message; return the answers in words."""
         try:
             points = waypoints(sample, self._paths)

@@ -111,7 +111,8 @@ class Gamepad:
             return None
         if not self._held:
             return RELEASED
-        return Share(-_live(self._axes.get(FORWARD_AXIS, 0.0)), -_live(self._axes.get(TURN_AXIS, 0.0)))
+        forward, turn = (_without_dead_zone(self._axes.get(axis, 0.0)) for axis in (FORWARD_AXIS, TURN_AXIS))
+        return Share(-forward, -turn)
 
     def read(self, file: int) -> None:
         """Read from the open, non-blocking device; a failed read ends the drive."""
@@ -125,7 +126,7 @@ class Gamepad:
             self.failed = True
 
 
-def _live(value: float) -> float:
+def _without_dead_zone(value: float) -> float:
     if abs(value) <= DEAD_ZONE:
         return 0.0
     return math.copysign((abs(value) - DEAD_ZONE) / (1.0 - DEAD_ZONE), value)
@@ -141,7 +142,7 @@ class Twists:
         self._change = RELEASED
         self._reversals: deque[float] = deque(maxlen=MAX_REVERSALS + 1)
 
-    def take(self, forward: float, turn_rate: float, arrived: float) -> None:
+    def add(self, forward: float, turn_rate: float, arrived: float) -> None:
         """Take a message that arrived then [s, monotonic]: its speeds [m/s; rad/s]."""
         shares = (clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
         share = Share(*(one if abs(one) > MIN_TWIST_SHARE else 0.0 for one in shares))

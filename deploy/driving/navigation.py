@@ -33,7 +33,7 @@ class Navigation:
         """Whether the action works at a goal. Before the first message: no."""
         return bool(self._active)
 
-    def take(self, statuses: GoalStatuses) -> str:
+    def update(self, statuses: GoalStatuses) -> str:
         """Take a message; return how the last active goals ended, if they did and not by success.
 
         A goal that the action no longer lists has ended.

@@ -69,7 +69,7 @@ class Remote:
         )
         return tuple(ORDER.key(name) for name in receivers), payload
 
-    def answered(self, replies: Iterable[bytes], sent: float, now: float) -> None:
+    def process_replies(self, replies: Iterable[bytes], sent: float, now: float) -> None:
         """Take the replies at `now` to a request sent at `sent` [s, monotonic]; only the leader's counts."""
         for payload in replies:
             try:

@@ -25,11 +25,12 @@ MONITOR, OPERATOR = VISITORS
 PROTOCOL = "tls"
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
 REQUESTED_ALL = ORDER.pattern.format(robot="*")
-"""Key on which an operator asks all processes at once."""
+"""Key of a query by which an operator asks all processes at once."""
 AUTHORITY = "ca"
 """Folder of the certificate authority, beside those of the processes."""
-NOBODY = "strangers: nothing"
-NOTHING = {
+NO_MESSAGES = "other processes: no messages"
+"""Id of Zenoh's rule for processes of the mission with no permitted message between them."""
+DENY_ALL = {
     "permission": "deny",
     "flows": ["ingress", "egress"],
     "messages": [
@@ -38,7 +39,7 @@ NOTHING = {
     ],
     "key_exprs": ["**"],
 }  # fmt: skip
-"""Zenoh's rule for processes of the mission with no permitted message between them."""
+"""That rule."""
 
 
 class Host(NamedTuple):
@@ -85,8 +86,8 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
     for name in VISITORS:
         if name in mission.robots:
             raise Refusal(
-                f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
-                f" the certificate of the {name} says; rename it"
+                f"mission {mission.name}: no robot of the field can be called {name!r}, as that is the name"
+                f" in the {name}'s certificate; rename it"
             )
     return {name: _host(name, end) for name, end in ends.items()}
 
@@ -97,9 +98,9 @@ def _host(name: str, endpoint: str) -> Host:
     host = Host(address.removeprefix("[").removesuffix("]"), int(port))
     where = f"endpoint {endpoint!r} of {name}"
     if protocol != PROTOCOL:
-        raise Refusal(f"{where}: must begin with '{PROTOCOL}/', because only that proves the sender")
+        raise Refusal(f"{where}: must begin with '{PROTOCOL}/', as only TLS proves which process sends")
     if host.ip is not None and host.ip.is_unspecified:
-        raise Refusal(f"{where}: must be the address that the others dial, not one that means all of them")
+        raise Refusal(f"{where}: must be the address that the others dial, not one that stands for all")
     if ":" in host.address:
         raise Refusal(f"{where}: must be an IPv4 address or a name: Zenoh cannot verify IPv6 addresses")
     if not host.address.isascii():
@@ -132,14 +133,14 @@ def _in_the_fleet(mission: Mission) -> Iterator[Permission]:
     for me in mission.followers:
         for other in mission.received_by(me):
             for publisher in _publishers(mission, other):
-                yield from _listens(me, publisher, POSITION.key(other))
+                yield from _subscription(me, publisher, POSITION.key(other))
         for one in mission.candidates if mission.standbys else ():
-            yield from _listens(me, one, BALLOT.key(one))
+            yield from _subscription(me, one, BALLOT.key(one))
     for me in mission.candidates:
         for other in partners(mission, me):
             topics = (BALLOT, ROUTE) if other in mission.candidates else (POSITION,)
             for topic in topics:
-                yield from _listens(me, other, topic.key(other))
+                yield from _subscription(me, other, topic.key(other))
 
 
 def _to_visitors(mission: Mission) -> Iterator[Permission]:
@@ -147,10 +148,10 @@ def _to_visitors(mission: Mission) -> Iterator[Permission]:
     for one in watched(mission):
         if one.topic is not GROUND_TRUTH:  # of the simulation, not of the robot
             for publisher in _publishers(mission, one.robot) if one.topic is POSITION else (one.robot,):
-                yield from _listens(MONITOR, publisher, one.key)
+                yield from _subscription(MONITOR, publisher, one.key)
     for me in members(mission):
         for visitor in VISITORS:
-            yield from _listens(visitor, me, STATUS.key(me))
+            yield from _subscription(visitor, me, STATUS.key(me))
         order = ORDER.key(me)
         for key in (order, REQUESTED_ALL):
             yield Permission(OPERATOR, me, "query", key)
@@ -186,15 +187,15 @@ def access_control(mission: Mission, process: str) -> dict[str, Any]:
     for one in permissions(mission):
         if process not in {one.sender, one.receiver}:
             continue
-        comes = one.receiver == process
-        peer = one.sender if comes else one.receiver
-        name = f"{'from' if comes else 'to'} {peer}: {one.message}"
+        incoming = one.receiver == process
+        peer = one.sender if incoming else one.receiver
+        name = f"{'from' if incoming else 'to'} {peer}: {one.message}"
         rule = rules.setdefault(
             name,
             {
                 "id": name,
                 "permission": "allow",
-                "flows": ["ingress" if comes else "egress"],
+                "flows": ["ingress" if incoming else "egress"],
                 "messages": [one.message],
                 "key_exprs": [],
             },
@@ -202,11 +203,11 @@ def access_control(mission: Mission, process: str) -> dict[str, Any]:
         rule["key_exprs"].append(prefix + one.key)
         if name not in policies.setdefault(peer, []):
             policies[peer].append(name)
-    strangers = [name for name in processes(mission) if name != process and name not in policies]
-    if strangers:
-        # They are allowed nothing anyway; but Zenoh names a listed process when it refuses it.
-        rules[NOBODY] = {"id": NOBODY, **NOTHING}
-        policies.update((name, [NOBODY]) for name in strangers)
+    others = [name for name in processes(mission) if name != process and name not in policies]
+    if others:
+        # Denied by default as well; but Zenoh's log names only a listed process when it refuses its message.
+        rules[NO_MESSAGES] = {"id": NO_MESSAGES, **DENY_ALL}
+        policies.update((name, [NO_MESSAGES]) for name in others)
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -228,7 +229,7 @@ def text(mission: Mission, process: str, settings: Mapping[str, Any]) -> str:
     )
 
 
-def _listens(listener: str, publisher: str, key: str) -> Iterator[Permission]:
+def _subscription(listener: str, publisher: str, key: str) -> Iterator[Permission]:
     yield Permission(listener, publisher, "declare_subscriber", key)
     yield Permission(publisher, listener, "put", key)
 

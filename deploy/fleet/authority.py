@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 
 EARLY = timedelta(hours=1)
 """Time before their making from which certificates are valid, as a robot's clock may be behind."""
@@ -167,5 +167,5 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def _bytes(path: Path) -> bytes:
-    with refused(f"{path}"):
+    with refuse_os_errors(f"{path}"):
         return path.read_bytes()

@@ -40,7 +40,7 @@ from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.fleet import BUNDLE
 from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target, digest
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 from formation.mission.file import DESK, read
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str]) -> int:
             bridge=chosen.bridge,
         )
     except OSError as error:  # mostly a full disk
-        raise Refusal(f"--out {chosen.out}: {error.strerror or error}; what was there is as it was") from None
+        raise Refusal(f"--out {chosen.out}: {error.strerror or error}; its content is unchanged") from None
     print(as_json(result) if chosen.json else words(chosen.out, result))
     return 0
 
@@ -89,13 +89,13 @@ def refuse_unfit(mission: Mission) -> None:
     hosts(mission)
     if DESK in members(mission):
         raise Refusal(
-            f"mission {mission.name}: no robot or standby can be called {DESK!r}, for that is the desk's"
-            " folder"
+            f"mission {mission.name}: no robot or standby can be called {DESK!r}, as that is the desk's"
+            " folder; rename it"
         )
     if LEADER in mission.standbys:
         raise Refusal(
-            f"mission {mission.name}: no standby can be called {LEADER!r}, for on the desk that is"
-            f" {mission.leader}'s folder"
+            f"mission {mission.name}: no standby can be called {LEADER!r}, as on the desk that is"
+            f" {mission.leader}'s folder; rename it"
         )
     for name in mission.followers:
         endpoint = mission.robots[name].robot_endpoint
@@ -128,8 +128,8 @@ def make(
     for name in members(mission):
         systemd.units(mission, name, bringup, bridge)  # refuse a wrong flag before fetching anything
     before = _earlier_folders(out)
-    with _workshop(out) as shop:
-        wheelhouse = shop / ".wheels"  # no robot has a name with a dot
+    with _staging_folder(out) as staging:
+        wheelhouse = staging / ".wheels"  # no robot has a name with a dot
         wheelhouse.mkdir()
         wheels.collect(target, wheelhouse, _earlier_wheels(out, before, target), fetch=with_wheels)
         facts = {
@@ -143,7 +143,7 @@ def make(
         }
         releases = {}
         for name in members(mission):
-            folder = shop / name
+            folder = staging / name
             _robot(folder, mission, name, text, secrets, (bringup, bridge))
             (folder / "wheels").mkdir(mode=0o755)
             for file in sorted(wheelhouse.iterdir()):
@@ -158,11 +158,11 @@ def make(
                 "certificate_since": pairs[name].certificate.not_valid_before_utc.isoformat(),
                 "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
                 "units": sorted(path.name for path in (folder / "units").iterdir()),
-                "made": _made(out / name, releases[name], now),
+                "made": _first_made(out / name, releases[name], now),
             }
             _write(folder / VERSION, json.dumps(own, indent=1) + "\n")
-        _desk(shop / DESK, mission, text, secrets, out.resolve() / DESK)
-        _replace(shop, out, (*members(mission), DESK), before)
+        _desk(staging / DESK, mission, text, secrets, out.resolve() / DESK)
+        _replace(staging, out, (*members(mission), DESK), before)
     return {"folder": str(out), "releases": releases, **facts}
 
 
@@ -214,7 +214,7 @@ def _pair(secrets: Path, mission: Mission, name: str, now: datetime) -> authorit
 
 
 def _robot(
-    folder: Path, mission: Mission, name: str, text: str, secrets: Path, where: tuple[str, str | None]
+    folder: Path, mission: Mission, name: str, text: str, secrets: Path, unit_flags: tuple[str, str | None]
 ) -> None:
     """Write a robot's folder, except wheels and VERSION.json."""
     folder.mkdir(mode=0o700)
@@ -225,7 +225,7 @@ def _robot(
     kinds = {"units": systemd.units, "samples": systemd.samples}
     for kind, texts in kinds.items():
         (folder / kind).mkdir(mode=0o755)
-        for unit, content in texts(mission, name, *where).items():
+        for unit, content in texts(mission, name, *unit_flags).items():
             _write(folder / kind / unit, content)
     wall = files("formation.deploy").joinpath("fleet", "firewall.nft").read_text(encoding="utf-8")
     port = f"dport {hosts(mission)[name].port} "
@@ -253,7 +253,7 @@ def _secrets(source: Path, folder: Path) -> None:
 
 def _earlier_folders(out: Path) -> tuple[str, ...]:
     """Return the folders of an earlier run in `out`. Raises Refusal if it has other content."""
-    with refused(f"--out {out}"):
+    with refuse_os_errors(f"--out {out}"):
         try:
             found = {path.name for path in out.iterdir()}
         except FileNotFoundError:
@@ -266,22 +266,20 @@ def _earlier_folders(out: Path) -> tuple[str, ...]:
             raise Refusal(f"{out / BUNDLE}: cannot be read; remove {out}, or name another folder") from None
     foreign = sorted(found - {BUNDLE, ".gitignore", *known})
     if foreign:
-        raise Refusal(
-            f"--out {out}: holds {', '.join(foreign[:3])}{' and more' if len(foreign) > 3 else ''}, which no"
-            " bundle has; name a new folder"
-        )
+        shown = f"{', '.join(foreign[:3])}{' and more' if len(foreign) > 3 else ''}"
+        raise Refusal(f"--out {out}: holds {shown}, which is in no bundle; name a new folder")
     return tuple(name for name in known if name in found)
 
 
 @contextmanager
-def _workshop(out: Path) -> Iterator[Path]:
-    """Make a folder beside `out`, on its file system, for incomplete bundles."""
+def _staging_folder(out: Path) -> Iterator[Path]:
+    """Yield a folder beside `out`, on its file system, in which new bundles are made."""
     fresh = not out.exists()
-    with refused(f"--out {out}"):
+    with refuse_os_errors(f"--out {out}"):
         out.mkdir(mode=0o700, parents=True, exist_ok=True)
-        shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
+        staging = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
     try:
-        with shop as folder:
+        with staging as folder:
             yield Path(folder)
     except BaseException:
         if fresh and not any(out.iterdir()):
@@ -289,18 +287,18 @@ def _workshop(out: Path) -> Iterator[Path]:
         raise
 
 
-def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:
-    """Move `folders` from the workshop to `out`, replacing those of `before`."""
+def _replace(staging: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:
+    """Move `folders` from `staging` to `out`, replacing those of `before`."""
     out.chmod(0o700)
     _write(out / ".gitignore", "*\n")
     # Until all is done the content may be of either run, so both are named.
     _write(out / BUNDLE, json.dumps({"folders": sorted({*folders, *before})}) + "\n")
-    old = shop / ".old"
+    old = staging / ".old"
     old.mkdir()
     for name in before:
         (out / name).rename(old / name)
     for name in folders:
-        (shop / name).rename(out / name)
+        (staging / name).rename(out / name)
     _write(out / BUNDLE, json.dumps({"folders": list(folders)}) + "\n")
     shutil.rmtree(old)
 
@@ -325,7 +323,7 @@ def _earlier_wheels(out: Path, before: Sequence[str], target: Target) -> list[Pa
     return same
 
 
-def _made(old: Path, release: str, now: datetime) -> str:
+def _first_made(old: Path, release: str, now: datetime) -> str:
     """Return when a release was first made; a second run with the same result keeps the time."""
     version = _version(old)
     return str(version["made"]) if version.get("release") == release else now.isoformat(timespec="seconds")

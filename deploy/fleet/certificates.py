@@ -26,14 +26,14 @@ from formation.deploy.arguments import (
     add_out,
     number,
     parser,
+    print_result,
     read_mission,
     replacing,
-    tell,
 )
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.access import AUTHORITY, hosts
 from formation.deploy.fleet.authority import Pair
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.security.signing import issued_by
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str]) -> int:
     else:
         pairs = create(mission, options.out, days=options.days, authority_days=options.ca_days, now=now)
     left = left_over(options.out, mission)
-    tell(options, words(options.out, pairs, left, now), lambda: report(options.out, pairs, left, now))
+    print_result(options, words(options.out, pairs, left, now), lambda: report(options.out, pairs, left, now))
     return 0
 
 
@@ -167,8 +167,8 @@ def words(folder: Path, pairs: Mapping[str, Pair], left: Mapping[str, datetime],
         lines.append(f"{name:<16}{pair.expires:%Y-%m-%d %H:%M}    {_days(pair.expires, now):>8.1f}  {what}")
     for name, expires in left.items():
         if expires > now:
-            lines.append(f"{name}: not in this mission, but its certificate is good until {expires:%Y-%m-%d}")
-    lines.append(f"in {folder}; {AUTHORITY}/{KEY} can impersonate every robot: keep it from the robots")
+            lines.append(f"{name}: not in this mission; its certificate is valid until {expires:%Y-%m-%d}")
+    lines.append(f"in {folder}; with {AUTHORITY}/{KEY} anyone can act as any robot: keep it on the desk")
     return "\n".join(lines)
 
 
@@ -187,7 +187,7 @@ def _issue_all(mission: Mission, folder: Path, root: Pair, days: float, now: dat
 
 def _prepare(folder: Path) -> None:
     """Make `folder` a place for secrets, or refuse: it must be private, and ignored by git."""
-    with refused(f"--out {folder}"):
+    with refuse_os_errors(f"--out {folder}"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         entries = list(folder.iterdir())
     if entries and not (folder / AUTHORITY).is_dir():
@@ -205,8 +205,8 @@ def _private(path: Path) -> None:
     if stat.S_IMODE(state.st_mode) & 0o077:
         mode = stat.S_IMODE(state.st_mode)
         raise Refusal(
-            f"{path}: others on this machine may look into it (mode {mode:03o}); chmod 700 {path}, or where"
-            " the file system knows no rights, name a folder elsewhere"
+            f"{path}: other users of this machine can read it (mode {mode:03o}); chmod 700 {path}, or name a"
+            " folder on a file system with permissions"
         )
     if state.st_uid != os.geteuid():
         raise Refusal(
@@ -220,7 +220,7 @@ def _holds_keys(home: Path) -> bool:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a private file, completely or not at all."""
-    with refused(f"{path}"):
+    with refuse_os_errors(f"{path}"):
         path.parent.mkdir(mode=0o700, exist_ok=True)
         _private(path.parent)
         with replacing(path) as new:
@@ -244,17 +244,17 @@ def _options() -> argparse.ArgumentParser:
         "--days",
         type=number(0.0, 3650.0, open_below=True),
         default=DAYS,
-        help=f"how long certificates are good (default {DAYS:g}); none outlives the authority",
+        help=f"how long certificates are valid (default {DAYS:g}); none longer than the authority",
     )
     options.add_argument(
         "--ca-days",
         type=number(0.0, 36500.0, open_below=True),
         default=AUTHORITY_DAYS,
         metavar="DAYS",
-        help=f"how long the authority is good, when it is made (default {AUTHORITY_DAYS:g})",
+        help=f"how long a new authority is valid (default {AUTHORITY_DAYS:g})",
     )
     options.add_argument(
-        "--renew", action="store_true", help="issue new certificates under the authority that is there"
+        "--renew", action="store_true", help="issue new certificates under the existing authority"
     )
     add_json(options)
     return options

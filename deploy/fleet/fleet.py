@@ -18,15 +18,15 @@ from formation.deploy.arguments import add_json, whole
 from formation.deploy.fleet.on_robot import CONFIGURATION, VERSION
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from formation.deploy.fleet.wheels import digest
-from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.refusal import Refusal, refuse_errors
 from formation.mission.file import MissionError, load
 from formation.transport.wiring import named
 
 PREFIX = "/opt/formation"
 BUNDLE = "BUNDLE.json"
 """File that lists the folders of all bundles."""
-ADDRESS = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
-PLACE = re.compile(r"/[A-Za-z0-9_./{}-]+")
+ADDRESS_PATTERN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
+PREFIX_PATTERN = re.compile(r"/[A-Za-z0-9_./{}-]+")
 """A prefix: absolute, and without special characters of a shell or systemd."""
 EXPIRING_LIFE_SHARE = 0.2
 """Remaining share of its life at which a certificate counts as about to expire."""
@@ -129,7 +129,7 @@ def add_flags(options: argparse.ArgumentParser) -> None:
 
 def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
     """Return the fleet that the flags request. Raises Refusal."""
-    bundles = find(options.folder)
+    bundles = bundles_in(options.folder)
     addresses: dict[str, str] = {}
     for robot, address in (_address(text, bundles) for text in options.host):
         if addresses.setdefault(robot, address) != address:
@@ -137,7 +137,7 @@ def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
     unknown = [name for name in options.only if name not in bundles]
     if unknown:
         raise Refusal(f"--only {unknown[0]!r}: must be one of {', '.join(bundles)}")
-    if not PLACE.fullmatch(options.prefix) or options.prefix.replace("{robot}", "").count("{"):
+    if not PREFIX_PATTERN.fullmatch(options.prefix) or options.prefix.replace("{robot}", "").count("{"):
         raise Refusal(f"--prefix {options.prefix!r}: must be an absolute path of letters, digits, . _ - /")
     mentioned = {*options.only, *addresses}
     chosen = {name: bundle for name, bundle in bundles.items() if not options.only or name in options.only}
@@ -163,7 +163,7 @@ def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
     return Fleet(chosen, robots, Ssh(options.user, options.ssh_option, sudo=sudo), options.jobs)
 
 
-def find(folder: Path) -> dict[str, Bundle]:
+def bundles_in(folder: Path) -> dict[str, Bundle]:
     """Return the installable bundles in a folder, by robot. Raises Refusal."""
     if not folder.is_dir():
         raise Refusal(f"{folder}: no such folder; `formation deploy bundle` makes one")
@@ -174,7 +174,7 @@ def find(folder: Path) -> dict[str, Bundle]:
             f"{folder}: {', '.join(missing)} missing, of those that `formation deploy bundle` makes: it was"
             " interrupted, or a folder was removed; make the bundles again"
         )
-    for path in sorted(folder.iterdir(), key=_counted):
+    for path in sorted(folder.iterdir(), key=_natural_order):
         if (path / VERSION).is_file() and (path / "install.sh").is_file():
             bundles[path.name] = _bundle(path)
     if not bundles:
@@ -244,14 +244,14 @@ def _address(text: str, bundles: Mapping[str, Bundle]) -> tuple[str, str]:
     robot, _, address = text.partition("=")
     if robot not in bundles or not address:
         raise Refusal(f"--host {text!r}: must be ROBOT=ADDRESS with one of {', '.join(bundles)}")
-    if not ADDRESS.fullmatch(address.strip("[]")):
-        raise Refusal(f"--host {text!r}: {address!r} is no address; one would be 192.168.1.11")
+    if not ADDRESS_PATTERN.fullmatch(address.strip("[]")):
+        raise Refusal(f"--host {text!r}: {address!r} is no address; write it as 192.168.1.11")
     return robot, address.strip("[]")
 
 
 def _from_mission(bundle: Bundle) -> str:
     """Return the host of the endpoint at which its agent listens."""
-    with refusing(MissionError):
+    with refuse_errors(MissionError):
         mission = load(bundle.folder / "mission.toml")
     endpoint = named(mission).get(bundle.robot)
     if endpoint is None:
@@ -275,7 +275,7 @@ def _leads_from_here(bundle: Bundle) -> bool:
     return True
 
 
-def _counted(path: Path) -> tuple[str, int]:
+def _natural_order(path: Path) -> tuple[str, int]:
     """Sort robot10 behind robot9."""
     match = re.fullmatch(r"(.*?)(\d+)", path.name)
     return (match[1], int(match[2])) if match else (path.name, -1)

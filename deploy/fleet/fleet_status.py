@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import parser, tell
+from formation.deploy.arguments import parser, print_result
 from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet.fleet import Bundle, Fleet
 from formation.deploy.fleet.remote import RemoteError, Robot
-from formation.deploy.terminal.bar import waiting
+from formation.deploy.terminal.bar import message_if_slow
 
 EXAMPLES = """\
   formation deploy status field --user ubuntu
@@ -47,13 +47,13 @@ def main(arguments: Sequence[str]) -> int:
         answer = fleet.ssh.call(robot, "status", {})
         return state(fleet.bundles[robot.name], answer, robot.prefix, units=not chosen.no_systemd)
 
-    with waiting(f"asking {', '.join(fleet.robots)}"):
+    with message_if_slow(f"asking {', '.join(fleet.robots)}"):
         answers = fleets.on_all(fleet, query)
     states = {
         name: InstalledState({}, (str(one),), {}) if isinstance(one, RemoteError) else one
         for name, one in answers.items()
     }
-    tell(chosen, "\n".join(words(fleet, states)), lambda: report(fleet, states))
+    print_result(chosen, "\n".join(words(fleet, states)), lambda: report(fleet, states))
     return 1 if any(one.differs for one in states.values()) else 0
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 MARK = "formation-answer: "
 INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
-UNFINISHED = ".unfinished"  # the file that stands while the current release's units are yet to be started
+UNFINISHED = ".unfinished"  # the file that exists until the current release's units have been started
 INSTALLED = ".installed"  # the file that names the completely installed release
 CONFIGURATION = (
     "mission.toml",
@@ -84,11 +84,11 @@ def receive(prefix: Path, request: Answer) -> Answer:
     incoming, wanted = prefix / INCOMING, request["files"]
     incoming.mkdir(parents=True, exist_ok=True)
     incoming.chmod(0o700)
-    with _only_one(prefix, PUSHING):
-        with _only_one(prefix, INSTALLING):  # one that a killed push left may still read the mirror
+    with _locked(prefix, PUSHING):
+        with _locked(prefix, INSTALLING):  # one that a killed push left may still read the mirror
             _refuse_other_robot(prefix, request)
             _purge(incoming, wanted)
-            _take(incoming, wanted, sys.stdin.buffer)
+            _receive_files(incoming, wanted, sys.stdin.buffer)
             for name, facts in wanted.items():
                 path = incoming / name
                 if not path.is_file() or _facts(path)[0] != facts[0]:
@@ -107,7 +107,7 @@ def receive(prefix: Path, request: Answer) -> Answer:
 
 def rollback(prefix: Path, request: Answer) -> Answer:
     """Link back to the release before the current one, and restart its units."""
-    with _only_one(prefix, PUSHING), _only_one(prefix, INSTALLING):
+    with _locked(prefix, PUSHING), _locked(prefix, INSTALLING):
         left, back = _release(prefix / CURRENT), _release(prefix / PREVIOUS)
         if left is None:
             raise Refused(f"nothing is installed under {prefix}")
@@ -187,7 +187,7 @@ def _purge(incoming: Path, wanted: Answer) -> None:
                 path.unlink()
 
 
-def _take(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
+def _receive_files(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
     """Write each file of the stream under another name first, so that no name ever holds a partial file."""
     with tarfile.open(fileobj=stream, mode="r|") as archive:
         for entry in archive:
@@ -330,7 +330,7 @@ def output_of(words: Sequence[str]) -> str | None:
 
 
 @contextmanager
-def _only_one(prefix: Path, name: str) -> Iterator[None]:
+def _locked(prefix: Path, name: str) -> Iterator[None]:
     try:
         file = (prefix / name).open("w")
     except FileNotFoundError:
@@ -398,7 +398,7 @@ def main(command: str, arguments: str) -> int:
     except Refused as refused:
         answer = {"error": str(refused)}
     except (tarfile.TarError, EOFError):
-        answer = {"error": "what was sent broke off; nothing has been installed"}
+        answer = {"error": "the transfer broke off; nothing was installed"}
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         full = error.errno in {errno.ENOSPC, errno.EDQUOT}

@@ -19,7 +19,7 @@ from typing import IO, Any, NamedTuple, Self, TextIO, TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from formation.deploy.arguments import parser, tell
+from formation.deploy.arguments import parser, print_result
 from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet.fleet import Bundle, Fleet
 from formation.deploy.fleet.remote import LAST_LINES, RemoteError, Robot
@@ -39,7 +39,7 @@ ROLLBACK_EXAMPLES = """\
   formation deploy rollback field
   formation deploy rollback field --only robot2 --user ubuntu
 
-It goes one release back, and not further. The way forward again is a push.
+It goes one release back, and not further. To go forward again, push.
 Exit code 0: all robots have gone back; 1: some have not, for the reasons named.
 """
 BLOCK_BYTES = 1 << 16
@@ -66,7 +66,7 @@ class Pushed(NamedTuple):
     """When the replaced release was made, if that was after this one; None else."""
 
 
-class View:
+class ProgressLines:
     """Shows the progress of a push in lines; called from many threads; a context manager."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -94,7 +94,7 @@ class View:
     def line(self, robot: str, text: str) -> None:
         """Show a line of the installation."""
 
-    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - for `_Bars`
+    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - for `_ProgressBars`
         """Show that a robot is done."""
         self._say(robot, text)
 
@@ -104,7 +104,7 @@ class View:
                 print(f"{robot}: {text}", file=self._stream, flush=True)
 
 
-class _Bars(View):
+class _ProgressBars(ProgressLines):
     """A bar for each robot, in a terminal. It is removed at the end: the result is in words."""
 
     def __init__(self, stream: TextIO, robots: Iterable[str]) -> None:
@@ -153,16 +153,16 @@ def main(arguments: Sequence[str]) -> int:
     options = flags().parse_args(arguments)
     fleet = fleets.read(options, sudo=not options.no_systemd)
     refuse_unfit(fleet, datetime.now(UTC))
+    lines_shown = ProgressLines(None if options.json else sys.stdout)
     bars = sys.stdout.isatty() and not options.json
-    shown = _Bars(sys.stdout, fleet.robots) if bars else View(None if options.json else sys.stdout)
-    with shown as view:
-        results = fleets.on_all(fleet, lambda robot: _one(fleet, robot, options, view))
+    with _ProgressBars(sys.stdout, fleet.robots) if bars else lines_shown as view:
+        results = fleets.on_all(fleet, lambda robot: _push_one(fleet, robot, options, view))
     failed = [name for name, result in results.items() if isinstance(result, RemoteError)]
     now = datetime.now(UTC).timestamp()
     expiries = {name: fleets.expiry(bundle.version, now) for name, bundle in fleet.bundles.items()}
     lines = [f"{name}: {text}" for name, text in expiries.items() if text]
     lines += _words(results, _pushed, failed)
-    tell(options, "\n".join(lines), lambda: _report(fleet, results, expiries))
+    print_result(options, "\n".join(lines), lambda: _report(fleet, results, expiries))
     return 1 if failed else 0
 
 
@@ -207,7 +207,7 @@ def rollback(arguments: Sequence[str]) -> int:
         for name, result in results.items()
     }
     failed = [name for name, robot in robots.items() if not robot["ok"]]
-    tell(
+    print_result(
         chosen,
         "\n".join(_words(results, _rolled_back, failed)),
         lambda: {"ok": not failed, "robots": robots},
@@ -219,7 +219,7 @@ def push(
     fleet: Fleet,
     robot: Robot,
     flags: Sequence[str],
-    view: View,
+    view: ProgressLines,
     *,
     reinstall: bool = False,
     rename: bool = False,
@@ -281,7 +281,7 @@ def manifest(folder: Path) -> dict[str, tuple[str, int]]:
     }
 
 
-def send(bundle: Bundle, files: Files, names: Sequence[str], view: View, stream: IO[bytes]) -> None:
+def send(bundle: Bundle, files: Files, names: Sequence[str], view: ProgressLines, stream: IO[bytes]) -> None:
     """Write the named files as a tar stream."""
     with tarfile.open(fileobj=stream, mode="w|", bufsize=BLOCK_BYTES) as archive:
         for name in names:
@@ -318,7 +318,7 @@ def _pushed(result: Pushed) -> Sequence[str]:
     was = f" (was {result.replaced})" if result.replaced else ""
     lines = [f"{result.release}  installed{was}; {sent}{restored}"]
     if result.newer:
-        lines.append(f"  NOTE: what it replaces is newer, made {result.newer}; is this the right folder?")
+        lines.append(f"  NOTE: the replaced release is newer, made {result.newer}; is this the right folder?")
     return lines
 
 
@@ -353,7 +353,7 @@ class _Counted:
         return block
 
 
-def _one(fleet: Fleet, robot: Robot, options: argparse.Namespace, view: View) -> Pushed:
+def _push_one(fleet: Fleet, robot: Robot, options: argparse.Namespace, view: ProgressLines) -> Pushed:
     flags = ["--no-systemd"] * options.no_systemd + ["--no-restart"] * options.no_restart
     try:
         pushed = push(fleet, robot, flags, view, reinstall=options.reinstall, rename=options.rename)

@@ -81,7 +81,8 @@ class Ssh:
         if answer is None and self._stopped:
             raise RemoteError("interrupted")
         if answer is None:
-            raise RemoteError(why(code, errors), [] if code == SSH_FAILED else errors[-LAST_LINES:])
+            lines = [] if code == SSH_FAILED else errors[-LAST_LINES:]
+            raise RemoteError(failure_reason(code, errors), lines)
         if "error" in answer:
             raise RemoteError(str(answer["error"]))
         return answer
@@ -127,11 +128,11 @@ class Ssh:
             return process.returncode, lines, list(_lines(errors))
 
 
-def why(code: int, errors: Sequence[str]) -> str:
+def failure_reason(code: int, errors: Sequence[str]) -> str:
     """Return why a robot gave no answer."""
     error_text = " ".join(errors)
-    for sign, reason in SIGNS.items():
-        if sign in error_text:
+    for text, reason in KNOWN_ERRORS.items():
+        if text in error_text:
             return reason
     last = next((text for text in reversed(errors) if text.strip()), "")
     if code == SSH_FAILED:
@@ -145,9 +146,9 @@ _GONE = "unreachable: no route to it; is it on, and in this network?"
 _NO_PYTHON = "no Python: python3 was not found on the robot"
 _NO_SUDO = "no sudo on the robot: log in as root, with --user root"
 _BY_NAME = "--ssh-option IdentityFile=FILE"
-SIGNS = {
-    "REMOTE HOST IDENTIFICATION HAS CHANGED": "host key changed: it is not the machine that it was, or it was"
-    " set up anew; then remove the old key with ssh-keygen -R ADDRESS",
+KNOWN_ERRORS = {
+    "REMOTE HOST IDENTIFICATION HAS CHANGED": "host key changed: another machine has this address, or it was"
+    " installed again; in that case remove the old key with ssh-keygen -R ADDRESS",
     "Host key verification failed": "host key unknown: log in once by hand with ssh, and compare it",
     "Permission denied (": f"key refused: put yours there with ssh-copy-id, or try --user, {_BY_NAME}",
     "Too many authentication failures": f"key refused: too many were tried; name one with {_BY_NAME}",
@@ -156,7 +157,7 @@ SIGNS = {
     "Network is unreachable": _GONE,
     "Could not resolve hostname": "unreachable: its address is unknown; give it with --host ROBOT=ADDRESS",
     "timed out": "unreachable: no answer in time; is it on, and in this network?",
-    "sudo: a password is required": "sudo asks for a password: let it go without one, or use --user root",
+    "sudo: a password is required": "sudo asks for a password: allow sudo without one, or use --user root",
     "sudo: command not found": _NO_SUDO,
     "sudo: not found": _NO_SUDO,
     "python3: not found": _NO_PYTHON,

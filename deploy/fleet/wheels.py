@@ -217,7 +217,7 @@ def _download(wanted: list[Pin], target: Target, folder: Path) -> None:
 
 
 def _pip() -> list[str]:
-    pip = env.some_pip()
+    pip = env.find_pip()
     if pip is None:
         raise Refusal("there is no pip here to fetch wheels with: install one, for example python3-pip")
     return pip

@@ -25,7 +25,7 @@ from formation.deploy.local.plan import Part, Program
 
 STOP_ORDER: tuple[Part, ...] = ("control", "watchdog", "body", "watch")
 """Order of stopping: agents and leader first, as the others must still receive their zero velocity."""
-GRACE: Mapping[Part, float] = {"control": 5.0, "watchdog": 5.0, "body": 15.0, "watch": 10.0}
+STOP_TIMEOUTS: Mapping[Part, float] = {"control": 5.0, "watchdog": 5.0, "body": 15.0, "watch": 10.0}
 """Time for a child to end after a request, before it is killed [s]; on an idle machine a tenth is enough.
 Robots may render a picture at the end."""
 COASTING_TIME = 1.0
@@ -100,7 +100,7 @@ class Child:
         """Wait until all its output is in the queue, after its end."""
         self._reader.join(1.0)
 
-    def last_words(self) -> list[str]:
+    def last_log_lines(self) -> list[str]:
         """Return the last five lines of its stderr."""
         with self.log.open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 8192))
@@ -164,7 +164,7 @@ class Launcher:
         self.children.append(child)
         return child
 
-    def next(self, timeout: float) -> Event | None:
+    def next_event(self, timeout: float) -> Event | None:
         """Return the next event; None after `timeout` [s], or sooner when a child ended or a signal came."""
         try:
             return self._events.get(timeout=max(timeout, 0.0))
@@ -177,7 +177,7 @@ class Launcher:
             ending = [child for child in self.children if child.part == part and child.exit is None]
             for child in ending:
                 child.end()
-            self._wait(GRACE[part], ending)
+            self._wait(STOP_TIMEOUTS[part], ending)
             for child in ending:
                 child.kill()
             coasting = any(child.part == "body" and child.exit is None for child in self.children)
@@ -192,7 +192,7 @@ class Launcher:
         while (left := deadline - time.monotonic()) > 0.0 and not self._forced:
             if children is not None and all(child.exit is not None for child in children):
                 return
-            self.next(min(left, 0.05))
+            self.next_event(min(left, 0.05))
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal calls it
         now = time.monotonic()

@@ -20,15 +20,15 @@ from formation.deploy.arguments import (
     add_mission,
     number,
     parser,
+    print_result,
     read_mission,
-    tell,
     text_stream,
 )
 from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.outcome import Outcome, ended_well, how_it_ended
 from formation.deploy.local.plan import Program, programs
 from formation.deploy.local.ports import Ports
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
 from formation.mission.file import file_of
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str]) -> int:
     page_flags = _page_flags(options)
     record = _recording(mission, options.record)
     duration: float = options.duration or mission.duration
-    say = text_stream(options)
+    stream = text_stream(options)
     with ExitStack() as stack:
         ports = stack.enter_context(Ports(mission))
         logs = Path(tempfile.mkdtemp(prefix="formation-"))
@@ -91,21 +91,21 @@ def main(arguments: Sequence[str]) -> int:
             page=page_flags,
             world=world_flags(options),
         )
-        print(_how_to_order(source, ports), file=say, flush=True)
+        print(_how_to_order(source, ports), file=stream, flush=True)
         progress = Progress(mission, duration, len(plan))
         page = start(launcher, plan)
         if page is not None:
-            print(f"Page: {page}", file=say, flush=True)
-        with view_for(say, table=not (options.json or options.no_table)) as view:
-            failed = conduct(launcher, progress, view)
+            print(f"Page: {page}", file=stream, flush=True)
+        with view_for(stream, table=not (options.json or options.no_table)) as view:
+            failed = watch_run(launcher, progress, view)
         if failed is not None:
             removal.pop_all()
-            return _tell_failed_start(failed)
+            return _print_failed_start(failed)
         outcome = Outcome(mission, launcher.children, progress.elapsed, logs, launcher.interrupted, record)
         if outcome.faults:
             removal.pop_all()
-        tell(options, outcome.words(), outcome.as_json)
-        _tell_failures(outcome)
+        print_result(options, outcome.words(), outcome.as_json)
+        _print_failures(outcome)
         return outcome.exit_code
 
 
@@ -118,14 +118,14 @@ def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
     while watch is not None and not launcher.interrupted and time.monotonic() < deadline:
         if any(child.died for child in launcher.children):
             break
-        event = launcher.next(REFRESH_PERIOD)
+        event = launcher.next_event(REFRESH_PERIOD)
         if event is not None and event.child is watch and event.data["event"] == "ready":
             page = event.data.get("page")
             return page if isinstance(page, str) else None
     return None
 
 
-def conduct(launcher: Launcher, progress: Progress, view: View) -> Child | None:
+def watch_run(launcher: Launcher, progress: Progress, view: View) -> Child | None:
     """Watch the run until its end or a signal, and stop it; return a process that failed to get ready."""
     progress.ready = sum(child.ready for child in launcher.children)
     view.show(progress)
@@ -136,11 +136,11 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> Child | None:
         if failed or (late and time.monotonic() > deadline):
             launcher.stop()
             return (failed or late)[0]
-        _watch(launcher, progress, view, REFRESH_PERIOD)
+        _process_event(launcher, progress, view, REFRESH_PERIOD)
     begin = time.monotonic()
     progress.phase = "running"
     while not launcher.interrupted and progress.left > 0.0:
-        _watch(launcher, progress, view, min(REFRESH_PERIOD, progress.left))
+        _process_event(launcher, progress, view, min(REFRESH_PERIOD, progress.left))
         progress.elapsed = time.monotonic() - begin
     progress.phase = "stopping"
     view.show(progress)
@@ -148,8 +148,8 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> Child | None:
     return None
 
 
-def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -> None:
-    event = launcher.next(timeout)
+def _process_event(launcher: Launcher, progress: Progress, view: View, timeout: float) -> None:
+    event = launcher.next_event(timeout)
     if event is not None and event.data["event"] == "snapshot":
         progress.add_snapshot(Snapshot.of(event.data))
     progress.ready = sum(child.ready for child in launcher.children)
@@ -158,7 +158,7 @@ def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -
             progress.dead[child.name] = how_it_ended(child)
             progress.dead_robots.update(child.robots)
             if child.part == "watch":
-                progress.lose_sight()
+                progress.forget_snapshot()
     view.show(progress)
 
 
@@ -192,7 +192,7 @@ def _page_flags(options: argparse.Namespace) -> list[str]:
     if options.no_page and options.control:
         raise Refusal("--control: needs the page; leave out --no-page")
     if options.page:
-        with refused(f"--page {options.page}"):
+        with refuse_os_errors(f"--page {options.page}"):
             listening(options.page).close()
     place = ["--page", str(options.page)] if options.page else []
     return [*place, *["--no-page"] * options.no_page, *["--control"] * options.control]
@@ -201,7 +201,7 @@ def _page_flags(options: argparse.Namespace) -> list[str]:
 def _recording(mission: Mission, requested: Path | None) -> Path:
     """Return the recording's path: a new file in a writable folder. Raises Refusal."""
     path = requested or new_path(mission.name)
-    with refused(f"--record {path}"):
+    with refuse_os_errors(f"--record {path}"):
         make_folder(path.parent)
         if path.exists():
             raise Refusal(f"--record {path}: exists already; name a new file")
@@ -216,18 +216,18 @@ def _how_to_order(source: str, ports: Ports) -> str:
     return "\n".join(lines)
 
 
-def _tell_failed_start(child: Child) -> int:
+def _print_failed_start(child: Child) -> int:
     late = f"was not ready within {START_TIMEOUT_SECONDS:g} s"
     how = late if child.end_requested else how_it_ended(child)
     print(f"formation: {child.name} {how}; nothing runs", file=sys.stderr)
-    for line in child.last_words():
+    for line in child.last_log_lines():
         print(f"  | {line}", file=sys.stderr)
     print(f"  its log: {child.log}", file=sys.stderr)
     return 2 if child.exit == 2 else 1
 
 
-def _tell_failures(outcome: Outcome) -> None:
+def _print_failures(outcome: Outcome) -> None:
     for child in outcome.children:
         if not ended_well(child) and child not in outcome.replaced:
-            for line in child.last_words():
+            for line in child.last_log_lines():
                 print(f"  {child.name} | {line}", file=sys.stderr)

@@ -16,7 +16,7 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import InlineTable
 
 from formation.control.arrays import FloatArray
-from formation.deploy.arguments import add_json, add_mission, add_out, parser, read_mission, tell
+from formation.deploy.arguments import add_json, add_mission, add_out, parser, print_result, read_mission
 from formation.deploy.mission_files.files import check_out, is_shipped, write_mission
 from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.units import metres
@@ -35,16 +35,16 @@ EXAMPLES = """\
   formation assign six_robots --out my_mission.toml --graph keep
   formation assign my_mission.toml --positions now.json    with {"robot1": [0.4, -1.2], …}
 
-A robot takes its slot in every shape of the mission. Comments stay where they are: read them again.
-Robots in the field need what changed: `formation deploy bundle`, `formation deploy push`.
+A robot takes its slot in every shape of the mission. Comments are not changed: check that they still fit.
+To robots in the field it comes with `formation deploy bundle` and `formation deploy push`.
 """
 
 
 class Places(NamedTuple):
     """The assignment, by follower."""
 
-    of: dict[str, str]
-    """The robot of the slots that it takes, in every shape; its own name if it keeps its slots."""
+    slot_of: dict[str, str]
+    """The robot that had the slots which it takes in every shape; its own name if it keeps its slots."""
     before: dict[str, float]
     """Its distance to the slot that it had [m]."""
     now: dict[str, float]
@@ -62,7 +62,7 @@ class Change(NamedTuple):
     name: str
     key: str
     value: tuple[Any, ...] | str
-    otherwise: tuple[Any, ...] | str = ()
+    default: tuple[Any, ...] | str = ()
     """The default if the table has no such key."""
 
 
@@ -73,14 +73,14 @@ def main(arguments: Sequence[str]) -> int:
     out = _out(options)
     at = {} if options.positions is None else positions(options.positions, mission)
     kept = options.graph == "keep"
-    places = chosen(mission, _shape(options, mission), at, AIMS[options.least], keep_graph=kept)
+    places = assign(mission, _shape(options, mission), at, AIMS[options.least], keep_graph=kept)
     written = None if out is None else _write(options.mission, mission, places, out)
     end = "nothing was written"
     if written is not None:
         state = "changed" if written else "unchanged" if options.out is None else "written, nothing changed"
         end = f"{out}: {state}\n\nnext:\n  formation check {quote(str(out))}"
     text = "\n".join([*words(mission, places), "", end])
-    tell(options, text, lambda: report(mission, places, options.least, out))
+    print_result(options, text, lambda: report(mission, places, options.least, out))
     return 0
 
 
@@ -88,7 +88,7 @@ def words(mission: Mission, places: Places) -> Iterator[str]:
     """Yield the places for people."""
     width = max(len(name) for name in ("in all", "longest", *mission.followers)) + 2
     yield f"  {'robot':<{width}}{'takes the slot of':<{width + 14}}{'distance before':<17}{'now':<10}measures"
-    for name, place in places.of.items():
+    for name, place in places.slot_of.items():
         other = "its own" if place == name else place
         seen = ", ".join(places.neighbours[name])
         if places.fallbacks[name]:
@@ -118,12 +118,12 @@ def report(mission: Mission, places: Places, least: str, out: Path | None) -> di
                 "neighbours": list(places.neighbours[name]),
                 "fallback_neighbours": list(places.fallbacks[name]),
             }
-            for name, place in places.of.items()
+            for name, place in places.slot_of.items()
         },
     }
 
 
-def chosen(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *, keep_graph: bool) -> Places:
+def assign(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *, keep_graph: bool) -> Places:
     """Return the places in `shape` by `aim`, from `at` [m; world frame] if given there, else from the starts.
 
     Places that gain nothing stay as they are. With `keep_graph` slots measure each other as before.
@@ -133,10 +133,12 @@ def chosen(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *,
     places, own = aim.assign(distances), tuple(range(len(names)))
     if _rounded(aim.worth(distances, places)) >= _rounded(aim.worth(distances, own)):
         places = own
-    of = {name: names[place] for name, place in zip(names, places, strict=True)}
-    neighbours, fallbacks = _present(mission, of) if keep_graph else _measured(mission, shape, of)
+    slot_of = {name: names[place] for name, place in zip(names, places, strict=True)}
+    neighbours, fallbacks = (
+        _kept_graph(mission, slot_of) if keep_graph else _new_graph(mission, shape, slot_of)
+    )
     return Places(
-        of=of,
+        slot_of=slot_of,
         before={name: float(distances[i, i]) for i, name in enumerate(names)},
         now={
             name: float(distances[i, place])
@@ -144,32 +146,32 @@ def chosen(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *,
         },
         neighbours=neighbours,
         fallbacks=fallbacks,
-        avoids=_avoids(mission, of, neighbours, fallbacks),
+        avoids=_avoids(mission, slot_of, neighbours, fallbacks),
     )
 
 
 def changes(mission: Mission, places: Places) -> Iterator[Change]:
     """Yield the changes of the mission's file."""
     for shape, slots in mission.shapes.items():
-        for name, place in places.of.items():
+        for name, place in places.slot_of.items():
             yield Change("shapes", shape, name, slots[place])
     for name in mission.followers:
         yield Change("robots", name, "neighbours", places.neighbours[name])
         yield Change("robots", name, "fallback_neighbours", places.fallbacks[name])
     for name, avoided in places.avoids.items():
-        yield Change("robots", name, "avoid", avoided, otherwise=mission.robot.avoid)
+        yield Change("robots", name, "avoid", avoided, default=mission.robot.avoid)
 
 
 def positions(path: Path, mission: Mission) -> dict[str, complex]:
     """Read robots' positions [m; world frame] from JSON such as {"robot1": [0.4, -1.2]}. Raises Refusal."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_once)
+        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_repeated_names)
     except OSError as error:
         raise Refusal(f"--positions {path}: {error.strerror}") from None
     except ValueError as error:
         raise Refusal(f"--positions {path}: not JSON that can be used: {error}") from None
     except RecursionError:
-        raise Refusal(f"--positions {path}: lists or objects a thousand deep") from None
+        raise Refusal(f"--positions {path}: nested too deeply") from None
     if not isinstance(data, dict):
         raise Refusal(
             f'--positions {path}: must be an object such as {{"{mission.followers[0]}": [0.4, -1.2]}}'
@@ -185,7 +187,7 @@ def positions(path: Path, mission: Mission) -> dict[str, complex]:
     return {name: complex(*point) for name, point in data.items()}
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_repeated_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return an object read from JSON. Raises ValueError if a name is in it twice."""
     found: dict[str, Any] = {}
     for name, value in pairs:
@@ -217,16 +219,16 @@ def _distances(mission: Mission, shape: str, at: Mapping[str, complex]) -> Float
 
 def _rounded(worth: tuple[float, ...]) -> tuple[float, ...]:
     """Return distances rounded to 1 nm: smaller differences do not count."""
-    return tuple(round(way, 9) for way in worth)
+    return tuple(round(distance, 9) for distance in worth)
 
 
-def _present(mission: Mission, of: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], ...]:
+def _kept_graph(mission: Mission, slot_of: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], ...]:
     """Return the mission's own graph from slot to slot."""
-    taken_by = {place: name for name, place in of.items()} | {mission.leader: mission.leader}
+    taken_by = {place: name for name, place in slot_of.items()} | {mission.leader: mission.leader}
     return tuple(
         {
             name: tuple(taken_by[other] for other in getattr(mission.robots[place], key))
-            for name, place in of.items()
+            for name, place in slot_of.items()
         }
         for key in ("neighbours", "fallback_neighbours")
     )
@@ -234,7 +236,7 @@ def _present(mission: Mission, of: Mapping[str, str]) -> tuple[dict[str, tuple[s
 
 def _avoids(
     mission: Mission,
-    of: Mapping[str, str],
+    slot_of: Mapping[str, str],
     neighbours: Mapping[str, tuple[str, ...]],
     fallbacks: Mapping[str, tuple[str, ...]],
 ) -> dict[str, tuple[str, ...] | Literal["all"]]:
@@ -246,9 +248,9 @@ def _avoids(
     robots = mission.robots
     if not any(robots[name].avoid for name in mission.followers):
         return {}
-    taken_by = {place: name for name, place in of.items()}
+    taken_by = {place: name for name, place in slot_of.items()}
     avoids: dict[str, tuple[str, ...] | Literal["all"]] = {}
-    for name, place in of.items():
+    for name, place in slot_of.items():
         had, has = robots[place].avoid, robots[name].avoid
         if had == "all":
             if has != "all":
@@ -263,9 +265,11 @@ def _avoids(
     return avoids
 
 
-def _measured(mission: Mission, shape: str, of: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], ...]:
+def _new_graph(
+    mission: Mission, shape: str, slot_of: Mapping[str, str]
+) -> tuple[dict[str, tuple[str, ...]], ...]:
     """Return the graph for the slots of `shape`, as assigned."""
-    graph = measured([0j, *(mission.slot(place, shape) for place in of.values())])
+    graph = measured([0j, *(mission.slot(place, shape) for place in slot_of.values())])
     return tuple(
         {mission.names[i]: tuple(mission.names[j] for j in lists[i]) for i in range(1, len(mission.names))}
         for lists in graph
@@ -283,11 +287,11 @@ def edited(text: str, changes: Iterable[Change]) -> str:
     try:
         for change in changes:
             value, plain = _plain(change.value), wanted[change.group][change.name]
-            if plain.get(change.key, _plain(change.otherwise)) == value:
+            if plain.get(change.key, _plain(change.default)) == value:
                 continue
             made.append(f"{change.group}.{change.name}.{change.key}")
             table = document[change.group][change.name]
-            if change.value == change.otherwise:
+            if change.value == change.default:
                 del plain[change.key], table[change.key]
                 continue
             plain[change.key] = value

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from formation.deploy.arguments import add_json, as_json, check_file, parser, read_mission, replacing
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refuse_os_errors
 from formation.mission.file import shipped
 
 NEXT = """\
@@ -65,7 +65,7 @@ def summary(path: Path) -> str:
 def write_mission(path: Path, text: str) -> None:
     """Write a file, completely or not at all; line ends are as in `text`. Raises Refusal."""
     target = Path(os.path.realpath(path))  # write to the target of a link, not the link
-    with refused(f"{path}: cannot be written"):
+    with refuse_os_errors(f"{path}: cannot be written"):
         mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
         with replacing(target) as new:
             new.write_text(text, encoding="utf-8", newline="")

@@ -10,7 +10,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, add_out, number, parser, tell, whole
+from formation.deploy.arguments import add_json, add_out, number, parser, print_result, whole
 from formation.deploy.mission_files.files import check_out, write_mission
 from formation.deploy.refusal import Refusal
 from formation.mission.file import parse
@@ -151,7 +151,7 @@ def main(arguments: Sequence[str]) -> int:
     written = text(draft)
     mission = parse(written, str(out))
     write_mission(out, written)
-    tell(options, words(draft, mission, out), lambda: report(draft, mission, out))
+    print_result(options, words(draft, mission, out), lambda: report(draft, mission, out))
     return 0
 
 
@@ -238,20 +238,20 @@ def _robots(
 ) -> Iterator[str]:
     """Yield the robots' tables. Each starts off its slot, by less than would make two bodies touch."""
     radius = PROFILES[draft.profile].radius
-    aside = min(0.25 * (draft.spacing - 2.0 * radius), 0.5)
+    offset = min(0.25 * (draft.spacing - 2.0 * radius), 0.5)
     for place, slot in enumerate(draft.slots, 1):
-        start = slot + cmath.rect(aside, GOLDEN_ANGLE * place)
+        start = slot + cmath.rect(offset, GOLDEN_ANGLE * place)
         heading = round(60.0 * math.sin(GOLDEN_ANGLE * place * place))
-        yield f"\n[robots.robot{place}]\nneighbours = [{_names(neighbours[place])}]\n"
+        yield f"\n[robots.robot{place}]\nneighbours = [{_quoted_names(neighbours[place])}]\n"
         if fallbacks[place]:
-            yield f"fallback_neighbours = [{_names(fallbacks[place])}]\n"
-        if beside := _beside(draft, place, {*neighbours[place], *fallbacks[place]}):
-            yield f"avoid = [{_names(beside)}]\n"
+            yield f"fallback_neighbours = [{_quoted_names(fallbacks[place])}]\n"
+        if nearby := _nearby(draft, place, {*neighbours[place], *fallbacks[place]}):
+            yield f"avoid = [{_quoted_names(nearby)}]\n"
         x, y = _metres(round(start.real, 3)), _metres(round(start.imag, 3))
         yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
 
 
-def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
+def _nearby(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
     """Return the robots that may come near, besides those that it measures."""
     if not draft.avoid or draft.robots <= AVOID_ALL:
         return ()
@@ -260,7 +260,7 @@ def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
     return tuple(other for other in near if other != place and other not in measured)
 
 
-def _names(robots: tuple[int, ...]) -> str:
+def _quoted_names(robots: tuple[int, ...]) -> str:
     return ", ".join(f'"robot{i}"' if i else '"leader"' for i in robots)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from formation.deploy.arguments import add_json, add_out, as_json, parser
-from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.refusal import Refusal, refuse_errors
 from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import UnreadableError
 from formation.monitor.recording.recover import Found, recover
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
     args = _flags().parse_args(arguments)
     out = args.out or args.file.parent / f"{args.file.stem}-recovered{args.file.suffix}"
     try:
-        with refusing(UnreadableError), Bar(f"recovering {args.file}") as bar:
+        with refuse_errors(UnreadableError), Bar(f"recovering {args.file}") as bar:
             found = recover(
                 args.file,
                 out,

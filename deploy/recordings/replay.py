@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, as_json, number, parser, text_stream
-from formation.deploy.refusal import Refusal, refused, refusing
-from formation.deploy.terminal.playing import Bar, Keys, Lines, clock, line, press
+from formation.deploy.refusal import Refusal, refuse_errors, refuse_os_errors
+from formation.deploy.terminal.playing import Keys, ReplayBar, ReplayLines, clock, do_key, line
 from formation.deploy.terminal.views import in_a_terminal
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.replay.echo import DEFAULT, Echo, checked
@@ -103,7 +103,7 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
     """Play until the end, or until told to stop."""
     keys = stack.enter_context(Keys())
     drawn = in_a_terminal(sys.stdout) and not options.json
-    view = Bar(sys.stdout) if drawn else Lines(text_stream(options))
+    view = ReplayBar(sys.stdout) if drawn else ReplayLines(text_stream(options))
     stays = drawn and not options.no_page
     refresh, linger = Rate(REFRESH_RATE), Linger()
     try:
@@ -115,7 +115,7 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
                 ended = replay.state.finished and not stays
                 if refresh.tick(mono) or ended:
                     view.show(replay.state, lambda: replay.snapshot)
-                if ended or not all(press(replay, key) for key in keys.wait(pause)):
+                if ended or not all(do_key(replay, key) for key in keys.wait(pause)):
                     return
     finally:
         if not drawn:
@@ -124,7 +124,7 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
 
 def _open(options: argparse.Namespace) -> Opened:
     """Return the recording. Raises Refusal if it is none, or does not have the requested stretch."""
-    with refusing(UnreadableError):
+    with refuse_errors(UnreadableError):
         recording = read(options.file)
         film = Film(recording)
     length = film.end - film.start
@@ -150,7 +150,7 @@ def _source(one: Opened, player: Player) -> Source:
 
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
-    with refused(f"--page {options.page or Bind()}"):
+    with refuse_os_errors(f"--page {options.page or Bind()}"):
         return opened(options.page, source, steer=replay.steer)
 
 
@@ -158,7 +158,7 @@ def _session(options: argparse.Namespace) -> Bus:
     """Return a session that only processes that dial it receive, by default. Raises Refusal."""
     if not (options.listen or options.connect or options.mode == "client" or options.config):
         options.listen = [f"tcp/{HOST}:{_free_port()}"]
-    with refusing(BusError):
+    with refuse_errors(BusError):
         return Bus(
             BusConfig(
                 listen=tuple(options.listen),

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from formation.deploy import check
-from formation.deploy.arguments import add_json, add_out, check_file, number, parser, tell
-from formation.deploy.refusal import Refusal, refused, refusing
+from formation.deploy.arguments import add_json, add_out, check_file, number, parser, print_result
+from formation.deploy.refusal import Refusal, refuse_errors, refuse_os_errors
 from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.report import figures
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
     recordings = [_open(path) for path in (options.file, options.second) if path is not None]
     out = _out(options.out, recordings)
     if options.figures is not None:
-        with refused(f"--figures {options.figures}"):
+        with refuse_os_errors(f"--figures {options.figures}"):
             make_folder(options.figures)
     with Bar("report") as bar:
         runs = [
@@ -60,16 +60,16 @@ def main(arguments: Sequence[str]) -> int:
         bar.at(READING_SHARE)
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
         text = page(reported, options.until, made)
-        with refused(f"--out {out}: cannot be written"):
+        with refuse_os_errors(f"--out {out}: cannot be written"):
             out.write_text(text, encoding="utf-8")
         bar.at(0.5 * (1.0 + READING_SHARE))
         drawn = _figures(options, runs) if options.figures is not None else []
-    tell(options, _words(runs, out, drawn, options.figures), lambda: _json(runs, out, drawn))
+    print_result(options, _words(runs, out, drawn, options.figures), lambda: _json(runs, out, drawn))
     return 0
 
 
 def _open(path: Path) -> Recording:
-    with refusing(UnreadableError):
+    with refuse_errors(UnreadableError):
         return read(path)
 
 
@@ -80,7 +80,7 @@ def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
         done = (wall - begin) / duration
         bar.at(shares[0] + (shares[1] - shares[0]) * min(max(done, 0.0), 1.0))
 
-    with refused(f"{recording.path}: cannot be read"):
+    with refuse_os_errors(f"{recording.path}: cannot be read"):
         extent = recording.extent()
         begin, duration = extent.start or 0.0, extent.duration or 1.0
         return gather(recording, progress)
@@ -92,7 +92,7 @@ def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
     stem = "-and-".join(recording.path.stem for recording in recordings)
     path: Path = requested or first.with_name(f"{stem}.html")
     mine = {part.resolve() for recording in recordings for part in (recording.path, *recording.parts)}
-    with refused(f"--out {path}"):
+    with refuse_os_errors(f"--out {path}"):
         if path.exists() and path.resolve() in mine:
             raise Refusal(f"--out {path}: is the recording itself; name another file")
         check_file("--out", path, ".html")

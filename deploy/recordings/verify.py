@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
 from formation.agent.verify.replica import Comparison, PublishedCommand
 from formation.control.laws import LAWS
-from formation.deploy.arguments import add_json, number, parser, read_mission, tell
-from formation.deploy.refusal import refused, refusing
+from formation.deploy.arguments import add_json, number, parser, print_result, read_mission
+from formation.deploy.refusal import refuse_errors, refuse_os_errors
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse
 from formation.mission.model import Mission
@@ -81,9 +81,9 @@ class Ran(NamedTuple):
 def main(arguments: Sequence[str]) -> int:
     """Verify a recording; return the exit code."""
     options = _options().parse_args(arguments)
-    with refusing(UnreadableError), refused(f"{options.file}: cannot be read"):
+    with refuse_errors(UnreadableError), refuse_os_errors(f"{options.file}: cannot be read"):
         ran = run(read(options.file), options.mission, options.law, options.tolerance)
-    tell(options, "\n".join(words(ran, options.min_compared)), lambda: report(ran))
+    print_result(options, "\n".join(words(ran, options.min_compared)), lambda: report(ran))
     if not ran.compared:
         return 2
     if ran.first is not None:

@@ -99,7 +99,7 @@ class Operator:
         keys, payload = remote.request(*((0.0, 0.0) if over else velocity(now - began)), now)
 
         def take_reply(data: bytes) -> None:
-            remote.answered([data], now, self._fleet.engine.now)
+            remote.process_replies([data], now, self._fleet.engine.now)
 
         for key in keys:
             self._fleet.fleet.ask(DESK, key, payload, take_reply)

@@ -28,7 +28,7 @@ def warn_if_slow() -> None:
 
 
 @contextmanager
-def waiting(what: str, after: float = MESSAGE_DELAY) -> Iterator[None]:
+def message_if_slow(what: str, after: float = MESSAGE_DELAY) -> Iterator[None]:
     """Print `what` once on a terminal if the block takes longer than `after` [s]; nothing for a script."""
 
     def say() -> None:

@@ -24,7 +24,7 @@ from formation.monitor.replay.process import Replay, ReplayState
 
 KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
 ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
-NAMED = {
+KEY_NAMES = {
     b"\x1b[C": "right", b"\x1bOC": "right", b"\x1b[D": "left", b"\x1bOD": "left", b"\x1b": "escape",
     b" ": "space",
 }  # fmt: skip
@@ -41,7 +41,7 @@ PLAIN_PERIOD = 2.0
 Look = Callable[[], Snapshot]
 
 
-class Bar(Redrawn):
+class ReplayBar(Redrawn):
     """Two lines at the bottom of a terminal."""
 
     def show(self, state: ReplayState, look: Look) -> None:
@@ -49,7 +49,7 @@ class Bar(Redrawn):
         self.redraw(draw(state, look(), self.console.size.width, ascii_only=self.ascii_only))
 
 
-class Lines(Printed):
+class ReplayLines(Printed):
     """A line every two seconds."""
 
     _due = -math.inf
@@ -94,20 +94,20 @@ class Keys:
         data = os.read(self._number, MAX_KEY_BYTES)
         if not data:  # the terminal has gone
             self._number = None
-        return named(data)
+        return keys_in(data)
 
 
-def named(data: bytes) -> list[str]:
+def keys_in(data: bytes) -> list[str]:
     """Return keys by name, or by character, from a terminal's bytes."""
     keys = []
     while data:
-        length = next((n for n in (3, 1) if data[:n] in NAMED), 1)
-        keys.append(NAMED.get(data[:length], data[:length].decode("latin-1")))
+        length = next((n for n in (3, 1) if data[:n] in KEY_NAMES), 1)
+        keys.append(KEY_NAMES.get(data[:length], data[:length].decode("latin-1")))
         data = data[length:]
     return keys
 
 
-def press(replay: Replay, key: str) -> bool:
+def do_key(replay: Replay, key: str) -> bool:
     """Do the action of a key; return whether to go on."""
     now = replay.state
     if key == "space":

@@ -135,7 +135,7 @@ class Progress:
         if math.isfinite(snapshot.known_error):
             self.errors.append(snapshot.known_error)
 
-    def lose_sight(self) -> None:
+    def forget_snapshot(self) -> None:
         """Forget the current values after the monitor's end, so that old ones are not shown as current."""
         self.snapshot = NOTHING_KNOWN
 

@@ -41,12 +41,12 @@ LEFT_OUT_FIRST = ("θ error", "ω [rad/s]", "u [m/s]")
 """Columns that a narrow terminal does not show, the first to be left out first."""
 NUMBERS = ("error", "θ error", "age")
 """Columns aligned to the right."""
-ECHO = len("^C")
+ECHO_CHARS = len("^C")
 """Width left free after the last line [characters], where a terminal shows ^C at Ctrl-C. Without it that
 would take one more line, and the table would be redrawn below its own title."""
 
 
-def happened(event: Event) -> str:
+def event_line(event: Event) -> str:
     """Return an event in one line, with its kind, as a text such as "under the bound" may not state it."""
     at = time.strftime("%H:%M:%S", time.localtime(event.at))
     about = " ".join(word for word in (event.robot, event.kind) if word)
@@ -65,7 +65,7 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
         side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
         table.add_column(Text(title), justify=side, no_wrap=True, min_width=COLUMNS[title])
     footer = _footer(progress, snapshot, width, ascii_only=ascii_only)
-    names, left_out = _chosen(progress, snapshot, max(1, height - 3 - len(footer)))
+    names, left_out = _shown_robots(progress, snapshot, max(1, height - 3 - len(footer)))
     title_room = room - _width(columns) + COLUMNS["robot"]
     for name in names:
         cells = _row(progress, snapshot, name, title_room, ascii_only=ascii_only)
@@ -115,7 +115,7 @@ def _events(progress: Progress, width: int, room: int) -> list[Text]:
     for event in reversed(progress.events):
         left = min(room, MAX_EVENT_LINES) - len(lines)
         wrapped = textwrap.wrap(
-            happened(event), width - 1 - ECHO, subsequent_indent="  ", break_on_hyphens=False
+            event_line(event), width - 1 - ECHO_CHARS, subsequent_indent="  ", break_on_hyphens=False
         )
         if left <= 0 or (lines and len(wrapped) > left):
             break
@@ -124,7 +124,7 @@ def _events(progress: Progress, width: int, room: int) -> list[Text]:
     return lines
 
 
-def _chosen(progress: Progress, snapshot: Snapshot, room: int) -> tuple[Sequence[str], str]:
+def _shown_robots(progress: Progress, snapshot: Snapshot, room: int) -> tuple[Sequence[str], str]:
     """Return the robots to show: all, or those with the largest errors, and a text about the others."""
     names = progress.mission.names
     if len(names) <= room:
@@ -159,8 +159,8 @@ def _row(
         "robot": Text(short),
         "state": _state(state, robot),
         "error": Text(error),
-        "u [m/s]": _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
-        "ω [rad/s]": _against(robot.turn_rate, turn_limit, ascii_only=ascii_only),
+        "u [m/s]": _with_bar(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
+        "ω [rad/s]": _with_bar(robot.turn_rate, turn_limit, ascii_only=ascii_only),
         "θ error": Text(heading),
         "age": Text(seconds(robot.age), style="yellow" if late else ""),
     }
@@ -177,7 +177,7 @@ def _state(state: str, robot: RobotNow) -> Text:
     return Text(state or "-", style=COLOURS.get(state, ""))
 
 
-def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> Text:
+def _with_bar(value: float | None, limit: float | None, *, ascii_only: bool) -> Text:
     """Return a command, a bar for its share of the limit, and a mark if it is at the limit."""
     if value is None:
         return Text("-")
@@ -244,7 +244,7 @@ def _clock(progress: Progress, width: int, *, ascii_only: bool) -> Text:
     clock = f"{progress.elapsed:.0f} of {progress.duration:g} s "
     if progress.phase != "running":
         clock += f"({progress.phase}) "
-    room = max(8, width - len(clock) - 1 - ECHO)
+    room = max(8, width - len(clock) - 1 - ECHO_CHARS)
     done = min(room, round(room * progress.elapsed / progress.duration))
     text = Text(clock)
     text.append(("#" if ascii_only else "━") * done, style="green")

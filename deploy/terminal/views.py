@@ -11,7 +11,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 
 from formation.deploy.terminal.snapshot import Progress
-from formation.deploy.terminal.table import draw, happened
+from formation.deploy.terminal.table import draw, event_line
 from formation.deploy.terminal.units import metres
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.words import counted
@@ -106,7 +106,7 @@ class PlainLines(Printed):
     def _tell_events(self, progress: Progress) -> None:
         news = takewhile(lambda event: event is not self._event, reversed(progress.events))
         for event in list(news)[::-1]:
-            self.say(happened(event))
+            self.say(event_line(event))
             self._event = event
 
 

@@ -219,7 +219,7 @@ class ProcessFleet(DrivenFleet):
 
     def _look(self, timeout: float) -> None:
         """Take in one message of the processes. Raises AssertionError if one has ended by itself."""
-        event = self._launcher.next(timeout)
+        event = self._launcher.next_event(timeout)
         if event is not None and event.data["event"] == "snapshot":
             self.snapshot = Snapshot.of(event.data)
             self.events += self.snapshot.events
@@ -256,4 +256,4 @@ class ProcessFleet(DrivenFleet):
 
 
 def _last(child: Child) -> str:
-    return " | ".join(child.last_words()) or "it said nothing"
+    return " | ".join(child.last_log_lines()) or "it said nothing"

@@ -189,7 +189,7 @@ def test_failed_run_leaves_old_bundles_unchanged(
     monkeypatch.setattr(bundle, "release_id", full)
     source.write_text(TEXT.replace("speed = 0.05", "speed = 0.06"))
     assert main(command(source, keys, tmp_path / "out")) == 2
-    assert "No space left on device; what was there is as it was" in capsys.readouterr().err
+    assert "No space left on device; its content is unchanged" in capsys.readouterr().err
     assert {name: version(tmp_path / "out", name) for name in ROBOTS} == before
     assert {path.name for path in tmp_path.iterdir()} == {"secrets", "out", source.name}
 
@@ -316,7 +316,7 @@ def test_folder_with_foreign_file_is_refused_and_unchanged(
     out.mkdir()
     (out / foreign).touch()
     assert main(command(source, keys, out)) == 2
-    assert f"holds {foreign}, which no bundle has; name a new folder" in capsys.readouterr().err
+    assert f"holds {foreign}, which is in no bundle; name a new folder" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == {foreign}
 
 

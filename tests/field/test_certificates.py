@@ -122,7 +122,7 @@ def test_folder_readable_by_others_is_refused(tmp_path: Path) -> None:
 def test_renewal_refuses_robot_folder_readable_by_others(secrets: Path) -> None:
     before = (secrets / "robot1" / "key.pem").read_bytes()
     (secrets / "robot1").chmod(0o750)
-    with pytest.raises(Refusal, match=r"robot1: others on this machine may look into it"):
+    with pytest.raises(Refusal, match=r"robot1: other users of this machine can read it"):
         renewed(secrets)
     assert (secrets / "robot1" / "key.pem").read_bytes() == before
 
@@ -168,7 +168,7 @@ def test_certificate_of_former_robot_is_named_while_valid(secrets: Path) -> None
     six = in_the_field("six_robots", on_a_wireless_network)
     assert set(certificates.left_over(secrets, six)) == {"leader"}
     text = certificates.words(secrets, {}, certificates.left_over(secrets, six), NOW)
-    assert "leader: not in this mission, but its certificate is good until 2026-07-01" in text
+    assert "leader: not in this mission; its certificate is valid until 2026-07-01" in text
 
 
 def test_read_refuses_unusable_certificates_with_reason(secrets: Path) -> None:

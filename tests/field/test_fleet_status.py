@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.fleet.fleet import find
+from formation.deploy.fleet.fleet import bundles_in
 from formation.deploy.fleet.fleet_status import state
 from tests.field.bundles import ROBOTS, Field, result
 from tests.field.light import light, release
@@ -81,7 +81,7 @@ def test_status_names_configuration_name_and_certificate_that_are_wrong(
 def test_unit_that_runs_an_older_release_differs(field: Field) -> None:
     """After a push with --no-restart, or an installation that was interrupted before its last step."""
     unit = {"active": "active", "restarts": 0, "says": "", "runs": ["r0"]}
-    bundle = find(field.bundles)["robot1"]
+    bundle = bundles_in(field.bundles)["robot1"]
     answer = {
         "release": "r1", "version": {}, "now": 0.0, "mission_sha256": bundle.mission_sha256,
         "configuration": {"mission.toml": bundle.mission_sha256}, "units": {"formation-agent.service": unit},

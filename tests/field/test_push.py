@@ -22,7 +22,7 @@ import pytest
 from formation.deploy.cli import main
 from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet import on_robot
-from formation.deploy.fleet.push import View, flags, manifest, push, send
+from formation.deploy.fleet.push import ProgressLines, flags, manifest, push, send
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field, result
 from tests.field.sshd import Server, sshd
@@ -55,7 +55,7 @@ def test_push_installs_every_bundle_and_second_push_changes_nothing(
 
 
 def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> None:
-    bundle = fleets.find(field.bundles)["robot1"]
+    bundle = fleets.bundles_in(field.bundles)["robot1"]
     (bundle.folder / "robot.key").write_bytes(bytes(2_000_000))
     files = manifest(bundle.folder)
     requested = {"prefix": str(tmp_path / "p"), "files": files, "install": []}
@@ -64,7 +64,7 @@ def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> Non
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as robot:
         assert robot.stdin is not None
 
-        class Watch(View):
+        class Watch(ProgressLines):
             def sent(self, robot: str, count: int) -> None:  # noqa: ARG002
                 for path in (tmp_path / "p").rglob(".robot.key.part"):
                     with suppress(FileNotFoundError):  # renamed already: it is complete
@@ -121,7 +121,7 @@ def test_push_of_an_older_bundle_is_noted(field: Field, capsys: pytest.CaptureFi
     assert field.deploy("push", "--only", "robot1") == 0
     output = capsys.readouterr().out
     assert "robot1  r0  installed (was r1); " in output
-    assert f"NOTE: what it replaces is newer, made {made[1]}" in output
+    assert f"NOTE: the replaced release is newer, made {made[1]}" in output
     field.bundle("robot1", "r2")
     field.note("robot1", made=made[1])
     assert field.deploy("push", "--only", "robot1", "--json") == 0
@@ -329,13 +329,13 @@ def test_full_disk_is_reported(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "/opt/formation/incoming/numpy.whl")
 
-    monkeypatch.setattr(on_robot, "_take", full)
+    monkeypatch.setattr(on_robot, "_receive_files", full)
     requested = {"prefix": str(field.prefix("robot1")), "files": {}, "install": []}
     assert on_robot.main("receive", json.dumps(requested)) == 1
     assert '"disk full (/opt/formation/incoming/numpy.whl)"' in capsys.readouterr().out
 
 
-class Stopping(View):
+class Stopping(ProgressLines):
     """Breaks the connection off at the first event `when`, like an unplugged cable."""
 
     def __init__(self, ssh: Ssh, when: str) -> None:
@@ -343,10 +343,10 @@ class Stopping(View):
         self._ssh, self._when = ssh, when
         self.happened = threading.Event()
 
-    def sent(self, robot: str, count: int) -> None:  # noqa: ARG002 - as `View`
+    def sent(self, robot: str, count: int) -> None:  # noqa: ARG002 - as `ProgressLines`
         self._maybe("sent")
 
-    def line(self, robot: str, text: str) -> None:  # noqa: ARG002 - as `View`
+    def line(self, robot: str, text: str) -> None:  # noqa: ARG002 - as `ProgressLines`
         self._maybe("line")
 
     def _maybe(self, what: str) -> None:

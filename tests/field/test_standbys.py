@@ -96,7 +96,7 @@ def test_desk_bundle_has_certificate_and_configuration_of_standby(bundles: Path)
 
 
 def test_push_addresses_standby_by_mission_endpoint(bundles: Path) -> None:
-    assert set(fleet.find(bundles)) == {"deputy", "leader", "robot1", "robot2"}
+    assert set(fleet.bundles_in(bundles)) == {"deputy", "leader", "robot1", "robot2"}
     assert requested(bundles).robots["deputy"].address == "10.77.0.4"
 
 
@@ -123,12 +123,12 @@ def test_standby_with_name_of_desk_folder_is_refused(name: str, conflict: str) -
     if not conflict:
         bundle.refuse_unfit(mission)
         return
-    with pytest.raises(Refusal, match=f"no robot or standby can be called {name!r}, for that is {conflict}"):
+    with pytest.raises(Refusal, match=f"no robot or standby can be called {name!r}, as that is {conflict}"):
         bundle.refuse_unfit(mission)
 
 
 def test_standby_named_like_leader_folder_is_refused() -> None:
     text = WITH.replace('"leader"', '"chief"').replace("robots.leader", "robots.chief")
     bundle.refuse_unfit(parse(text))
-    with pytest.raises(Refusal, match="no standby can be called 'leader', for on the desk that is chief's"):
+    with pytest.raises(Refusal, match="no standby can be called 'leader', as on the desk that is chief's"):
         bundle.refuse_unfit(parse(text.replace("standbys.deputy", "standbys.leader")))

@@ -186,7 +186,7 @@ def test_repack_of_installed_formation_equals_its_wheel(bundles: Path, tmp_path:
         "--quiet",
     ]
     command += ["--no-deps", "--no-index", "--root-user-action=ignore", "--target", str(place), str(own)]
-    subprocess.run(command, env=env.clean(os.environ), check=True)
+    subprocess.run(command, env=env.own_variables(os.environ), check=True)
     again.mkdir()
     (installed,) = importlib.metadata.distributions(name="zenoh-formation", path=[str(place)])
     packed = wheels.repack(installed, again)

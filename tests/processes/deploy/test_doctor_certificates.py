@@ -14,7 +14,7 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.doctor import tls
-from formation.deploy.doctor.tls import Credentials, context, reach
+from formation.deploy.doctor.tls import Credentials, context, dial
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal
@@ -160,7 +160,7 @@ def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
 def test_reach_returns_name_of_trusted_peer(tmp_path: Path, root: Pair) -> None:
     mine, theirs = credentials(tmp_path, root), credentials(tmp_path, root, "robot2")
     with served(context(theirs, server=True)) as where:
-        reached = reach(f"tls/{where}", mine)
+        reached = dial(f"tls/{where}", mine)
     assert (reached.outcome, reached.name) == ("ok", "robot2")
 
 
@@ -170,14 +170,14 @@ def test_reach_distinguishes_causes_of_failure(tmp_path: Path, root: Pair) -> No
     mine, theirs = credentials(tmp_path, root), credentials(tmp_path, root, "robot2")
     rogue = credentials(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
     with served(context(rogue, server=True)) as where:
-        assert reach(f"tls/{where}", mine).outcome == "untrusted"
+        assert dial(f"tls/{where}", mine).outcome == "untrusted"
     with served(context(theirs, server=True)) as where:
-        turned_away = reach(f"tls/{where}", rogue._replace(trusted=theirs.trusted))
+        turned_away = dial(f"tls/{where}", rogue._replace(trusted=theirs.trusted))
     assert (turned_away.outcome, turned_away.detail) == ("turned away", "unknown ca")
     with served(b"HTTP/1.1 400 Bad Request\r\n\r\n") as where:
-        assert reach(f"tls/{where}", mine).outcome == "no TLS"
-    assert reach(free_endpoint(), None).outcome == "refused"
-    assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
+        assert dial(f"tls/{where}", mine).outcome == "no TLS"
+    assert dial(free_endpoint(), None).outcome == "refused"
+    assert dial("tls/robot9.invalid:7460", mine).outcome == "unknown name"
 
 
 @pytest.mark.usefixtures("long_refusal_wait")
@@ -185,17 +185,17 @@ def test_reach_reports_expired_certificate_of_either_side(tmp_path: Path, root: 
     (tmp_path / "old").mkdir()
     good, late = credentials(tmp_path, root), credentials(tmp_path / "old", root, ago=40.0)
     with served(context(good, server=True)) as where:
-        reached = reach(f"tls/{where}", late)
+        reached = dial(f"tls/{where}", late)
     assert (reached.outcome, reached.detail) == ("turned away", "certificate expired")
     with served(context(late, server=True)) as where:
-        reached = reach(f"tls/{where}", good)
+        reached = dial(f"tls/{where}", good)
     assert (reached.outcome, reached.detail) == ("untrusted", "certificate has expired")
 
 
 def test_reach_times_out_on_silent_peer(tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("formation.deploy.doctor.tls.CONNECT_TIMEOUT_SECONDS", 0.2)
     with served(None) as where:
-        assert reach(f"tls/{where}", credentials(tmp_path, root)).outcome == "no answer"
+        assert dial(f"tls/{where}", credentials(tmp_path, root)).outcome == "no answer"
 
 
 def test_read_returns_none_for_unreadable_key(

@@ -130,20 +130,20 @@ def test_key_ignores_tool_settings(tmp_path: Path) -> None:
 def test_finished_environment_is_in_use_after_link(store: Path) -> None:
     environment = finished(store, "new")
     assert not env.in_use(environment)
-    env.point(env.LINK, environment)
+    env.link_environment(env.LINK, environment)
     assert env.in_use(environment)
 
 
 def test_interrupted_installation_is_not_in_use(store: Path) -> None:
     environment = finished(store, "half")
-    env.point(env.LINK, environment)
+    env.link_environment(env.LINK, environment)
     (environment / env.DONE).unlink()
     assert not env.in_use(environment)
 
 
 def test_environment_without_python_is_not_in_use(store: Path) -> None:
     environment = finished(store, "orphan")
-    env.point(env.LINK, environment)
+    env.link_environment(env.LINK, environment)
     (environment / "bin" / "python").unlink()
     (environment / "bin" / "python").symlink_to(store / "gone")
     assert not env.in_use(environment)
@@ -151,35 +151,35 @@ def test_environment_without_python_is_not_in_use(store: Path) -> None:
 
 def test_point_moves_link_to_new_environment(store: Path) -> None:
     old, new = finished(store, "old"), finished(store, "new")
-    env.point(env.LINK, old)
-    env.point(env.LINK, new)
+    env.link_environment(env.LINK, old)
+    env.link_environment(env.LINK, new)
     assert env.LINK.resolve() == new
     assert sorted(path.name for path in store.parent.iterdir()) == [".venv", ".venvs"]
 
 
-def test_point_refuses_to_replace_foreign_folder(store: Path) -> None:
+def test_link_refuses_to_replace_foreign_folder(store: Path) -> None:
     env.LINK.mkdir()
-    with pytest.raises(env.SetupError, match="is in the way: move or remove it"):
-        env.point(env.LINK, finished(store, "new"))
+    with pytest.raises(env.SetupError, match="is not a link: move or remove it"):
+        env.link_environment(env.LINK, finished(store, "new"))
     assert env.LINK.is_dir()
     assert not env.LINK.is_symlink()
 
 
 def test_forget_old_keeps_newest_environments(store: Path) -> None:
     made = [finished(store, f"made{age}", age=age) for age in (0, 100, 200, 300)]
-    env.forget_old(made[0])
+    env.remove_old(made[0])
     assert [path.exists() for path in made] == [True, True, True, False]
 
 
 def test_forget_old_keeps_current_environment(store: Path) -> None:
     made = [finished(store, f"made{age}", age=age) for age in (0, 100, 200, 300)]
-    env.forget_old(made[3])
+    env.remove_old(made[3])
     assert [path.exists() for path in made] == [True, True, False, True]
 
 
 def test_only_one_process_installs_at_a_time(store: Path) -> None:
     with (store / "lock").open("w") as other:
-        with env.only_one(), pytest.raises(BlockingIOError):
+        with env.installation_lock(), pytest.raises(BlockingIOError):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
@@ -198,7 +198,7 @@ def test_new_environment_uses_external_pip_without_ensurepip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(env, "has_module", lambda _, name: name != "ensurepip")
-    monkeypatch.setattr(env, "some_pip", lambda: ["pip3"])
+    monkeypatch.setattr(env, "find_pip", lambda: ["pip3"])
     command = env.new_environment(tmp_path / "made")
     assert command == ["pip3", "--python", str(tmp_path / "made" / "bin" / "python")]
     assert (tmp_path / "made" / "bin" / "python").exists()
@@ -209,7 +209,7 @@ def test_missing_venv_or_pip_names_package_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, modules: set[str], pip: list[str] | None
 ) -> None:
     monkeypatch.setattr(env, "has_module", lambda _, name: name in modules)
-    monkeypatch.setattr(env, "some_pip", lambda: pip)
+    monkeypatch.setattr(env, "find_pip", lambda: pip)
     with pytest.raises(env.SetupError, match=r"sudo apt install python3\.\d+-venv$"):
         env.new_environment(tmp_path / "made")
 
@@ -228,19 +228,19 @@ def test_run_pip_keeps_configuration_but_disables_user_install(monkeypatch: pyte
         env.run_pip([sys.executable, "-c", show], env.Progress(1, io.StringIO()))
 
 
-def test_clean_removes_python_variables_of_ros() -> None:
+def test_own_variables_lack_python_variables_of_ros() -> None:
     variables = {"PYTHONPATH": "/opt/ros/jazzy/lib", "PYTHONHOME": "/usr", "ROS_DISTRO": "jazzy"}
-    assert env.clean(variables) == {"ROS_DISTRO": "jazzy"}
+    assert env.own_variables(variables) == {"ROS_DISTRO": "jazzy"}
 
 
 def test_missing_command_is_refused_by_name(store: Path) -> None:
     with pytest.raises(env.SetupError, match="there is no command 'formatoin'"):
-        env.become(finished(store, "new"), ["formatoin", "run"])
+        env.exec_command(finished(store, "new"), ["formatoin", "run"])
 
 
 def test_path_is_refused_as_command(store: Path) -> None:
     with pytest.raises(env.SetupError, match="there is no command"):
-        env.become(finished(store, "new"), ["../bin/python"])
+        env.exec_command(finished(store, "new"), ["../bin/python"])
 
 
 # ---- progress ----

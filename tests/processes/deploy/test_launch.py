@@ -29,7 +29,7 @@ def wait_until(launcher: Launcher, what: Callable[[], bool], seconds: float = 20
     deadline = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < deadline, f"timeout: {what}"
-        event = launcher.next(0.05)
+        event = launcher.next_event(0.05)
         if event is not None:
             received.append(event)
     return received
@@ -64,7 +64,7 @@ def test_dead_child_is_distinguished_from_stopped_one(launcher: Launcher) -> Non
     wait_until(launcher, lambda: lives.ready and dies.exit is not None)
     assert dies.died
     assert dies.exit == 3
-    assert dies.last_words() == ["no battery"]
+    assert dies.last_log_lines() == ["no battery"]
     assert lives.exit is None
     launcher.stop()
     assert dies.died
@@ -74,7 +74,7 @@ def test_dead_child_is_distinguished_from_stopped_one(launcher: Launcher) -> Non
 def test_child_ignoring_stop_is_killed_after_grace(
     launcher: Launcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("formation.deploy.local.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.3))
+    monkeypatch.setattr("formation.deploy.local.launch.STOP_TIMEOUTS", dict.fromkeys(STOP_ORDER, 0.3))
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
     begin = time.monotonic()
@@ -84,11 +84,11 @@ def test_child_ignoring_stop_is_killed_after_grace(
 
 
 def test_grandchild_is_killed_with_killed_child(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("formation.deploy.local.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.1))
+    monkeypatch.setattr("formation.deploy.local.launch.STOP_TIMEOUTS", dict.fromkeys(STOP_ORDER, 0.1))
     code = "import subprocess; p = subprocess.Popen(['sleep', '600']); say('started', pid=p.pid);" + DEAF
     child = launcher.start(program(code))
     events = wait_until(launcher, lambda: child.ready)
-    events += [event for event in [launcher.next(0.0)] if event]
+    events += [event for event in [launcher.next_event(0.0)] if event]
     grandchild = next(event.data["pid"] for event in events if event.data["event"] == "started")
     launcher.stop()
     assert is_gone(grandchild, within=10.0)
@@ -107,7 +107,7 @@ def test_processes_end_in_order_agents_watchdogs_robots_monitor(
     children = [launcher.start(program(code, name, part)) for part, name in names.items()]
     wait_until(launcher, lambda: all(child.ready for child in children))
     ends: dict[str, float] = {}
-    drain = launcher.next
+    drain = launcher.next_event
 
     def keep(timeout: float) -> Event | None:
         event = drain(timeout)
@@ -115,7 +115,7 @@ def test_processes_end_in_order_agents_watchdogs_robots_monitor(
             ends[event.child.name] = event.data["at"]
         return event
 
-    launcher.next = keep  # type: ignore[method-assign]
+    launcher.next_event = keep  # type: ignore[method-assign]
     launcher.stop()
     wait_until(launcher, lambda: len(ends) == len(children))
     assert ends["agent"] + COASTING_TIME <= ends["watchdog"] <= ends["robots"] <= ends["monitor"]
@@ -142,7 +142,7 @@ def test_signal_ends_waiting_and_keeps_child_running(launcher: Launcher, number:
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), number)
     begin = time.monotonic()
-    launcher.next(30.0)
+    launcher.next_event(30.0)
     assert time.monotonic() - begin < 5.0
     assert launcher.interrupted
     assert child.exit is None

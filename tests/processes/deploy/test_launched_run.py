@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.local import run
-from formation.deploy.local.launch import GRACE
+from formation.deploy.local.launch import STOP_TIMEOUTS
 from formation.deploy.local.plan import programs
 from formation.deploy.local.ports import Ports
 from formation.mission.file import load
@@ -253,7 +253,7 @@ def test_bad_input_found_by_process_exits_with_2(runner: Runner) -> None:
 
 def test_process_not_ready_in_time_ends_run(runner: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "START_TIMEOUT_SECONDS", 0.5)
-    monkeypatch.setattr("formation.deploy.local.launch.GRACE", {**GRACE, "control": 0.2})
+    monkeypatch.setattr("formation.deploy.local.launch.STOP_TIMEOUTS", {**STOP_TIMEOUTS, "control": 0.2})
     never = program("time.sleep(600)", "agent robot2", "control")
     done = runner(never, *good_programs())  # the first late process is named
     assert done.code == 1

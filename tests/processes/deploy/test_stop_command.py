@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.order import DEFAULT, found
+from formation.deploy.order import DEFAULT_MISSION, mission_to_stop
 from formation.deploy.refusal import Refusal
 from formation.mission.file import DESK, MISSION_NAME, configuration_of, file_of, load, shipped
 
@@ -42,7 +42,7 @@ def test_stop_without_mission_uses_default_or_bundles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert unanswered(capsys, "stop")["missing"] == list(load(DEFAULT).names)
+    assert unanswered(capsys, "stop")["missing"] == list(load(DEFAULT_MISSION).names)
     assert main(["stop", *UNREACHABLE]) == 1
     assert "formation stop MISSION" in capsys.readouterr().err
     bundles(Path("field"))
@@ -62,14 +62,14 @@ def test_several_bundle_folders_are_refused_by_name(tmp_path: Path) -> None:
     bundles(tmp_path / "east")
     bundles(tmp_path / "west")
     with pytest.raises(Refusal, match=r"formation stop .*east, or formation stop .*west"):
-        found(tmp_path)
+        mission_to_stop(tmp_path)
 
 
 def test_link_to_a_bundle_folder_is_no_second_fleet(tmp_path: Path) -> None:
     """A stop must not be refused because of `latest`."""
     folder = bundles(tmp_path / "field_3")
     (tmp_path / "latest").symlink_to(folder.parent if folder.name == DESK else folder)
-    assert Path(found(tmp_path)).resolve() == (tmp_path / "field_3").resolve()
+    assert Path(mission_to_stop(tmp_path)).resolve() == (tmp_path / "field_3").resolve()
 
 
 def test_bundle_folder_is_accepted_as_mission(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from formation.deploy.fleet import fleet_status
-from formation.deploy.terminal.bar import waiting
+from formation.deploy.terminal.bar import message_if_slow
 from formation.deploy.terminal.playing import Keys
 from tests.support.child import PATIENCE
 
@@ -35,7 +35,7 @@ def test_terminal_shows_reason_of_long_wait(
 ) -> None:
     screen, deadline = Screen(), time.monotonic() + PATIENCE
     monkeypatch.setattr(sys, "stderr", screen)
-    with waiting("listening", after=0.1):
+    with message_if_slow("listening", after=0.1):
         while not screen.getvalue().endswith("\n") and time.monotonic() < deadline:
             time.sleep(0.01)
     assert (capsys.readouterr().out, screen.getvalue()) == ("", "formation: listening …\n")
@@ -47,7 +47,7 @@ def test_short_wait_or_missing_terminal_shows_nothing(
 ) -> None:
     screen = Screen(terminal=terminal)
     monkeypatch.setattr(sys, "stderr", screen)
-    with waiting("listening", after):
+    with message_if_slow("listening", after):
         time.sleep(0.1)
     assert (capsys.readouterr().out, screen.getvalue()) == ("", "")
 
@@ -66,7 +66,7 @@ def test_status_of_a_fleet_says_which_robots_it_asks(monkeypatch: pytest.MonkeyP
         yield
 
     fleet = SimpleNamespace(robots=("robot1", "robot2"))
-    monkeypatch.setattr(fleet_status, "waiting", recorded)
+    monkeypatch.setattr(fleet_status, "message_if_slow", recorded)
     monkeypatch.setattr(fleet_status, "words", lambda *_: ["the answers"])
     monkeypatch.setattr("formation.deploy.fleet.fleet.read", lambda *_, **__: fleet)
     monkeypatch.setattr("formation.deploy.fleet.fleet.on_all", lambda *_: {})

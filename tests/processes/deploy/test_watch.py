@@ -136,7 +136,7 @@ def test_watch_without_answers_suggests_remedies(
         reported.append(what)
         yield
 
-    monkeypatch.setattr("formation.deploy.watch.waiting", recorded)
+    monkeypatch.setattr("formation.deploy.watch.message_if_slow", recorded)
     monkeypatch.setattr("formation.deploy.watch.COMPLETE_TIMEOUT_SECONDS", 0.1)
     end = free_endpoint()
     assert main(["watch", "turtlebot3_pair", "--once", "-e", end, *flags]) == 1

@@ -227,7 +227,7 @@ def test_assign_keeps_line_ends(capsys: Capsys) -> None:
         ("six_robots --dry-run --positions unknown.json", "unknown robot robot9; known: robot1, robot2"),
         ("six_robots --dry-run --positions twice.json", "robot2 is given twice"),
         ("six_robots --dry-run --positions point.json", "robot2 = [1, True]: must be [x, y]"),
-        ("six_robots --dry-run --positions deep.json", "a thousand deep"),
+        ("six_robots --dry-run --positions deep.json", "nested too deeply"),
         ("six_robots --dry-run --positions far.json", "two numbers from -100000 to 100000 in metres"),
         ("six_robots --dry-run --positions farther.json", "robot2 = [1, 10000000000"),
         (f"six_robots --out {'long' * 75}.toml", "long.toml: File name too long"),

@@ -91,11 +91,11 @@ def test_check_shows_that_it_compiles_the_law(monkeypatch: pytest.MonkeyPatch, c
     reported: list[str] = []
 
     @contextmanager
-    def waiting(what: str) -> Iterator[None]:
+    def message_if_slow(what: str) -> Iterator[None]:
         reported.append(what)
         yield
 
-    monkeypatch.setattr(check, "waiting", waiting)
+    monkeypatch.setattr(check, "message_if_slow", message_if_slow)
     assert main(["check", "turtlebot3_pair"]) == 0
     assert reported == ["checking; with many robots, and the first time, this takes ten seconds and more"]
     assert "no problem found" in capsys.readouterr().out

@@ -17,7 +17,7 @@ from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, word
 from formation.deploy.doctor.facts import Chrony, Facts, Reached, RosNode, Stream, examine
 from formation.deploy.doctor.gather import read_tracking
 from formation.deploy.doctor.robot import ROBOT_LINK
-from formation.deploy.doctor.tls import reach
+from formation.deploy.doctor.tls import dial
 from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
@@ -59,7 +59,7 @@ def test_robot_that_stands_as_ordered_has_no_findings(code: Code) -> None:
 
 
 def test_host_name_that_cannot_be_one_is_unknown() -> None:
-    assert reach("tls/robot..local:7460", None).outcome == "unknown name"
+    assert dial("tls/robot..local:7460", None).outcome == "unknown name"
 
 
 def certificate(**changes: Any) -> Mapping[str, Any]:
@@ -119,7 +119,7 @@ PROBLEMS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "neighbour-silent", "leader has been silent for 7.3 s; newest refusal: late: 0.6 s",
     ),
     "no router": (
-        {"router_trouble": "silent", "routed": None, "watchdog_state": None, "odometry": Stream(),
+        {"router_error": "silent", "routed": None, "watchdog_state": None, "odometry": Stream(),
          "status": Stream()},
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
@@ -210,7 +210,7 @@ def test_finding_for_rmw_zenoh_robot_does_not_name_bridge() -> None:
 def test_missing_router_names_the_unit_of_the_mission(ros: str, unit: str) -> None:
     data = TB3.model_dump()
     data["robots"]["robot1"]["ros"] = ros
-    facts = replace(HEALTHY, mission=Mission.model_validate(data), router_trouble="silent", routed=None)
+    facts = replace(HEALTHY, mission=Mission.model_validate(data), router_error="silent", routed=None)
     (finding,) = [one for one in ROBOT_LINK.findings(facts) if one.name == "router-missing"]
     assert finding.remedy == f"sudo systemctl restart {unit}; its log: journalctl -u {unit}"
 
@@ -386,6 +386,6 @@ def test_agent_that_dies_while_doctor_listens_is_named(monkeypatch: pytest.Monke
     bus = SilencedBus()
     monkeypatch.setattr(gather, "Bus", lambda _config: bus)
     monkeypatch.setattr(gather, "time", bus)
-    monkeypatch.setattr(gather, "reach", lambda end, _papers: Reached(end, "ok", name="robot1"))
+    monkeypatch.setattr(gather, "dial", lambda end, _papers: Reached(end, "ok", name="robot1"))
     (facts,) = gather.fleet_facts(TB3, ["robot1"], 2.0, None, None, None)
     assert found(facts)["agent-silent"] == "its agent fell silent: newest status 2.0 s old; limit 1 s"

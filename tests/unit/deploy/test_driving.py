@@ -144,7 +144,7 @@ def test_wrapped_line_is_erased_whole(length: int, expected: str) -> None:
 
 def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
     twists = Twists(0.2, 1.0)
-    twists.take(0.1, -5.0, 1.0)
+    twists.add(0.1, -5.0, 1.0)
     assert twists.velocity(1.0) == Share(0.5, -1.0)
     assert twists.velocity(1.0 + TWIST_SECONDS) == RELEASED
 
@@ -153,7 +153,7 @@ def test_twist_is_limited_and_expires_after_twist_seconds() -> None:
 def test_tiny_twist_lets_go(tiny: float) -> None:
     """The leader would run, and robots close their errors, though the driver wants to stand."""
     twists = Twists(0.2, 1.0)
-    twists.take(tiny, -tiny, 1.0)
+    twists.add(tiny, -tiny, 1.0)
     assert twists.velocity(1.1) == RELEASED
 
 
@@ -210,7 +210,7 @@ def test_two_contradicting_publishers_are_noticed_within_three_seconds(
     samples += [(late + number / other_rate, second) for number in range(int(3 * other_rate))]
     twists, noticed = Twists(0.2, 1.0), False
     for arrived, share in sorted(samples):
-        twists.take(0.2 * share, 0.0, arrived)
+        twists.add(0.2 * share, 0.0, arrived)
         noticed |= twists.contradict
     assert noticed
 
@@ -221,7 +221,7 @@ def test_quick_hand_contradicts_nobody(frequency: float, size: float, rate: floa
     twists = Twists(0.2, 1.0)
     for number in range(int(5 * rate)):
         wave = math.sin(math.tau * frequency * number / rate)
-        twists.take(0.2 * size * ((wave > 0.0) if switches else wave), 0.0, number / rate)
+        twists.add(0.2 * size * ((wave > 0.0) if switches else wave), 0.0, number / rate)
         assert not twists.contradict
 
 
@@ -248,7 +248,8 @@ def test_driver_asks_all_candidates_until_one_leads() -> None:
     remote = Remote(PATROL, "driver-1")
     keys, _ = remote.request(0.1, 0.0, 1.0)
     assert keys == ("leader/order", "deputy/order", "reserve/order")
-    remote.answered([replied("deputy", 7), replied("leader", 0, leads=False, reason="stands by")], 1.0, 1.01)
+    replies = [replied("deputy", 7), replied("leader", 0, leads=False, reason="stands by")]
+    remote.process_replies(replies, 1.0, 1.01)
     keys, payload = remote.request(0.1, 0.0, 1.05)
     assert keys == ("deputy/order",)
     assert json_message.decode(OperatorRequest, payload).token == 7
@@ -257,26 +258,26 @@ def test_driver_asks_all_candidates_until_one_leads() -> None:
 
 def test_driver_accepts_smaller_token_only_from_another_process() -> None:
     remote = Remote(PATROL, "driver-1")
-    remote.answered([replied("leader", 900)], 1.0, 1.01)
+    remote.process_replies([replied("leader", 900)], 1.0, 1.01)
     for replies, token in (
         ([replied("leader", 800), b"{"], 900),
         ([replied("leader", 500)], 500),  # it was restarted
         ([replied("deputy", 350)], 350),
     ):
-        remote.answered(replies, 1.0, 1.01)
+        remote.process_replies(replies, 1.0, 1.01)
         assert json_message.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == token
 
 
 def test_reply_without_token_does_not_let_driver_begin_again() -> None:
     remote = Remote(PATROL, "driver-1")
-    remote.answered([replied("leader", 900), replied("leader", 0, reason="another mission")], 1.0, 1.01)
+    remote.process_replies([replied("leader", 900), replied("leader", 0, reason="another mission")], 1.0, 1.01)
     assert json_message.decode(OperatorRequest, remote.request(0.1, 0.0, 1.02)[1]).token == 900
 
 
 def test_state_names_reason_of_leader_refusal() -> None:
     remote = Remote(PATROL, "driver-1")
     assert remote.state.words(1.0) == "no leader answers"
-    remote.answered([replied("leader", 1, reason="held: order run first")], 1.0, 1.01)
+    remote.process_replies([replied("leader", 1, reason="held: order run first")], 1.0, 1.01)
     assert remote.state.words(1.02) == "leader does not obey: held: order run first"
 
 
@@ -293,14 +294,14 @@ def test_end_of_drive_says_hold_only_if_the_leader_obeys(replies: list[dict[str,
     one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
     for reply in replies:
         data = json_message.encode(OperatorReply(robot="leader", mode="run", leads=True, token=1, **reply))
-        one._remote.answered([data], clock.monotonic(), clock.monotonic())
+        one._remote.process_replies([data], clock.monotonic(), clock.monotonic())
     assert one.outcome.startswith(says)
 
 
 def test_end_of_drive_claims_no_hold_without_recent_answer() -> None:
     """After 1 s without a velocity the leader obeys a planner that follows ROS."""
     one = drive._Drive(SimpleNamespace(), PATROL, 0.2, 1.0)  # type: ignore[arg-type]
-    one._remote.answered([replied("leader", 1)], clock.monotonic(), clock.monotonic() - 5.0)
+    one._remote.process_replies([replied("leader", 1)], clock.monotonic(), clock.monotonic() - 5.0)
     assert one.outcome.startswith("leader has not answered for 5.0 s, so what the robots do is not known")
 
 

@@ -128,7 +128,7 @@ def test_leader_stands_after_path_that_it_cannot_follow(why: str) -> None:
     follower = Follower(leader.give, CONVOY, "/plan", 0.1)
 
     def take(message: Message) -> str:
-        return follower.take(Sample("plan", encode(message), None, 0.0))
+        return follower.follow_message(Sample("plan", encode(message), None, 0.0))
 
     assert "stands" not in take(BAD_MESSAGES["no points"])  # the leader is on another's route
     assert "plan: to x = 1.00 m, y = -2.00 m\n" in take(Path(1.0, (0j, 1.0 - 2j)))
@@ -148,9 +148,9 @@ def test_path_refused_during_drive_stops_no_leader() -> None:
     leader = Leader()
     follower = Follower(leader.give, CONVOY, "/plan", 0.1)
     path = Sample("plan", encode(Path(1.0, (0j, 1.0 + 0j))), None, 0.0)
-    follower.take(path)
+    follower.follow_message(path)
     leader.refuses, leader.code = [True], "driven"
-    assert "stands" not in follower.take(path)
+    assert "stands" not in follower.follow_message(path)
     assert len(leader.requests) == 2
 
 
@@ -224,7 +224,7 @@ def path(arrived: float = 0.0) -> Sample:
 def navigated(leader: Leader) -> Follower:
     """A follower whose leader is on a path, as GOAL is active."""
     follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
-    list(follower.take_all([status((GOAL, GoalStatus.EXECUTING)), path()]))
+    list(follower.follow_messages([status((GOAL, GoalStatus.EXECUTING)), path()]))
     assert follower.follows
     return follower
 
@@ -241,11 +241,11 @@ def navigated(leader: Leader) -> Follower:
 def test_leader_stands_after_goal_is_canceled(ended: GoalStatus, word: str) -> None:
     leader = Leader()
     follower = navigated(leader)
-    (words,) = follower.take_all([status((GOAL, ended))])
+    (words,) = follower.follow_messages([status((GOAL, ended))])
     assert f"the goal was {word}\n  the leader stands" in words
     assert leader.requests[-1].legs == standing(CONVOY).legs
     late = [status((GOAL, GoalStatus.EXECUTING)), path()]  # a repeated message: the goal stays ended
-    (words,) = follower.take_all(late)
+    (words,) = follower.follow_messages(late)
     assert "plan: not followed, as no goal is active" in words
     assert len(leader.requests) == 2
 
@@ -260,15 +260,15 @@ def test_path_of_canceled_goal_is_not_followed_for_next(
     messages = [path(100.0), status((GOAL, GoalStatus.CANCELED))]
     following = [status((GOAL, GoalStatus.CANCELED), (NEXT_GOAL, GoalStatus.ACCEPTED))]
     for samples in [messages + following] if together else [messages, following]:
-        list(follower.take_all(samples))
+        list(follower.follow_messages(samples))
     assert not follower.follows
-    list(follower.take_all([path(100.0)]))
+    list(follower.follow_messages([path(100.0)]))
     assert follower.follows
 
 
 def test_goal_that_action_forgets_stops_leader() -> None:
     leader = Leader()
-    (words,) = navigated(leader).take_all([status()])
+    (words,) = navigated(leader).follow_messages([status()])
     assert "the goal was forgotten\n  the leader stands" in words
 
 
@@ -279,7 +279,7 @@ def test_leader_goes_on_after_success_or_with_next_goal(next_status: GoalStatus)
     preempted = [(GOAL, next_status)]
     if next_status is GoalStatus.ABORTED:
         preempted.append((NEXT_GOAL, GoalStatus.ACCEPTED))
-    assert not list(follower.take_all([status(*preempted)]))
+    assert not list(follower.follow_messages([status(*preempted)]))
     assert len(leader.requests) == 1
 
 
@@ -290,10 +290,10 @@ def test_path_just_before_its_goal_is_followed(monkeypatch: pytest.MonkeyPatch) 
     follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
     for arrived, followed in ((now, True), (now - 0.6, False)):
         goal = bytes([len(leader.requests) + 1] * 16)
-        (words,) = follower.take_all([path(arrived)])
+        (words,) = follower.follow_messages([path(arrived)])
         assert "not followed" in words
-        assert len(list(follower.take_all([status((goal, GoalStatus.ACCEPTED))]))) == followed
-        list(follower.take_all([status((goal, GoalStatus.SUCCEEDED))]))
+        assert len(list(follower.follow_messages([status((goal, GoalStatus.ACCEPTED))]))) == followed
+        list(follower.follow_messages([status((goal, GoalStatus.SUCCEEDED))]))
     assert len(leader.requests) == 1
 
 
@@ -303,23 +303,23 @@ def test_leader_that_does_not_obey_is_told_again_to_stand(monkeypatch: pytest.Mo
     leader = Leader()
     follower = navigated(leader)
     leader.refuses = [True]
-    (words,) = follower.take_all([status((GOAL, GoalStatus.CANCELED))])
+    (words,) = follower.follow_messages([status((GOAL, GoalStatus.CANCELED))])
     assert "the goal was canceled\n  NOT STOPPED" in words
-    assert not list(follower.take_all([]))
+    assert not list(follower.follow_messages([]))
     now += 1.0
-    (words,) = follower.take_all([])
+    (words,) = follower.follow_messages([])
     assert "the goal was canceled\n  the leader stands" in words
     now += 1.0
-    assert not list(follower.take_all([]))
+    assert not list(follower.follow_messages([]))
 
 
 def test_invalid_status_stops_leader() -> None:
     leader = Leader()
     follower = navigated(leader)
-    (words,) = follower.take_all([Sample(STATUSES, encode(PATH), None, 0.0)])
+    (words,) = follower.follow_messages([Sample(STATUSES, encode(PATH), None, 0.0)])
     assert f"{STATUSES}: action_msgs/msg/GoalStatusArray: " in words
     assert "the leader stands" in words
-    (words,) = follower.take_all([path()])
+    (words,) = follower.follow_messages([path()])
     assert "not followed" in words  # it may have said that the goal was canceled
 
 
@@ -398,7 +398,7 @@ def test_goals_count_without_active_action() -> None:
     leader = Leader()
     follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
     goal = Sample("goal_pose", encode(Pose(1.0, 1.0 + 0j, 1j)), None, 0.0)
-    (words,) = follower.take_all([path(), goal])
+    (words,) = follower.follow_messages([path(), goal])
     assert "goal_pose: to x = 1.00 m" in words
 
 
@@ -406,7 +406,7 @@ def test_goals_count_without_active_action() -> None:
 def test_ended_goal_is_never_active_again(messages: list[dict[bytes, GoalStatus]]) -> None:
     navigation, seen, ended = Navigation(), set[bytes](), set[bytes]()
     for message in messages:
-        navigation.take(GoalStatuses(tuple(message.items())))
+        navigation.update(GoalStatuses(tuple(message.items())))
         running = {
             goal for goal, one in message.items() if one in {GoalStatus.ACCEPTED, GoalStatus.EXECUTING}
         }

@@ -201,12 +201,12 @@ def test_terminal_shows_progress_while_law_is_compiled(
     reported: list[str] = []
 
     @contextmanager
-    def waiting(what: str) -> Iterator[None]:
+    def message_if_slow(what: str) -> Iterator[None]:
         reported.append(what)
         yield
         reported.append("done")
 
-    monkeypatch.setattr(simulate, "waiting", waiting)
+    monkeypatch.setattr(simulate, "message_if_slow", message_if_slow)
     monkeypatch.setattr(Bar, "at", lambda _, share: reported.append(f"{share:g}"))
     simulated(capsys)
     assert reported[:3] == ["compiling the law; the first time that takes ten seconds and more", "done", "0"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from formation.deploy.local.launch import GRACE, STOP_ORDER
+from formation.deploy.local.launch import STOP_ORDER, STOP_TIMEOUTS
 from formation.deploy.local.plan import Part, Program, programs
 from formation.deploy.local.ports import Ports
 from formation.mission.file import load
@@ -86,7 +86,7 @@ def test_watchdogs_end_after_agents_and_before_robots() -> None:
         "--parent", "4711",
     )  # fmt: skip
     assert STOP_ORDER.index("control") < STOP_ORDER.index("watchdog") < STOP_ORDER.index("body")
-    assert set(STOP_ORDER) == set(get_args(Part)) == set(GRACE)
+    assert set(STOP_ORDER) == set(get_args(Part)) == set(STOP_TIMEOUTS)
 
 
 def test_robots_process_dials_leader_with_local_measurement() -> None:

@@ -15,7 +15,7 @@ from typing import TextIO
 import pytest
 from rich.console import Console
 
-from formation.deploy.terminal.playing import Keys, Lines, clock, draw, line, named, press
+from formation.deploy.terminal.playing import Keys, ReplayLines, clock, do_key, draw, keys_in, line
 from formation.mission.file import load
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.replay.player import Player
@@ -67,7 +67,7 @@ def test_log_lines_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> No
     ticks = itertools.count(1000)
     monkeypatch.setattr("formation.deploy.terminal.playing.time.monotonic", lambda: 0.1 * next(ticks))
     stream = io.StringIO()
-    view = Lines(stream)
+    view = ReplayLines(stream)
     for _ in range(50):
         view.show(STATE, lambda: SEEN)
     assert stream.getvalue().splitlines() == ["0:12.3 of 1:40.0  2x  error -  6 unseen"] * 3
@@ -88,23 +88,23 @@ def test_space_pauses_and_arrows_seek() -> None:
         ("space", START, True), ("right", START + 5.0, True), ("left", START, True), ("left", START, True),
         ("space", START, False), ("x", START, False),
     ):  # fmt: skip
-        assert press(replay, key)
+        assert do_key(replay, key)
         assert (replay.state.position, replay.state.paused) == (position, paused)
-    assert not press(replay, "q")
+    assert not do_key(replay, "q")
 
 
 def test_speed_keys_change_speed_in_steps_within_limits() -> None:
     replay = Replay(SIX, Player(reel(), 0.0, speed=3.0))
     for presses, speed in (("+", 5.0), ("+" * 20, 100.0), ("-" * 20, 0.1)):
         for key in presses:
-            press(replay, key)
+            do_key(replay, key)
         assert replay.state.speed == speed
 
 
 def test_named_gives_names_of_keys() -> None:
-    assert named(b" +\x1b[C\x1b[Dq") == ["space", "+", "right", "left", "q"]
-    assert named(b"\x1bOC\x1b\xc3") == ["right", "escape", "\xc3"]
-    assert named(b"") == []
+    assert keys_in(b" +\x1b[C\x1b[Dq") == ["space", "+", "right", "left", "q"]
+    assert keys_in(b"\x1bOC\x1b\xc3") == ["right", "escape", "\xc3"]
+    assert keys_in(b"") == []
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from formation.deploy.terminal.snapshot import Progress, RobotNow, Snapshot
-from formation.deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
+from formation.deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, event_line, sparkline
 from formation.deploy.terminal.units import metres, seconds
 from formation.deploy.terminal.views import LiveTable, PlainLines, line
 from formation.mission.file import load
@@ -159,7 +159,7 @@ def test_dead_monitor_clears_old_figures() -> None:
     now = progress()
     now.add_snapshot(now.snapshot._replace(error=0.001) if now.snapshot else Snapshot(0.001, {}))
     now.dead["monitor"] = "was killed (SIGKILL)"
-    now.lose_sight()
+    now.forget_snapshot()
     assert not now.settled
     assert line(now) == " 12.0 of 30 s  nothing is known: the monitor has ended"
     lines = picture(now)
@@ -188,9 +188,9 @@ def test_events_are_listed_below_table_newest_last() -> None:
     now.events += [LOST, SETTLED]
     lines = picture(now)
     assert lines[: len(before)] == before
-    assert lines[len(before) :] == [happened(LOST), happened(SETTLED)]
-    assert happened(LOST)[8:] == "  robot4 lost: silent for 1.0 s; last state: run"
-    assert happened(SETTLED)[8:] == "  settled: under the bound of 50 mm since 3.6 s"
+    assert lines[len(before) :] == [event_line(LOST), event_line(SETTLED)]
+    assert event_line(LOST)[8:] == "  robot4 lost: silent for 1.0 s; last state: run"
+    assert event_line(SETTLED)[8:] == "  settled: under the bound of 50 mm since 3.6 s"
 
 
 @pytest.mark.parametrize("height", [8, 10, 11, 12, 24])
@@ -254,7 +254,7 @@ def test_plain_lines_print_each_event_and_note_once() -> None:
     view.show(now)
     assert stream.getvalue().splitlines() == [
         "six-robots: looking", "six-robots: no process answers",
-        happened(LOST), happened(SETTLED), happened(LOST),
+        event_line(LOST), event_line(SETTLED), event_line(LOST),
     ]  # fmt: skip
 
 
