@@ -77,7 +77,7 @@ class Watcher:
         self._bus = stack.enter_context(Bus(bus_config(options, mission, links, "watch"), mailbox))
         truth = RobotBuses(mission, stage, mailbox, node="formation_watch", awaited=False)
         stack.callback(truth.close)
-        for topic, key in self._monitor.truths:
+        for topic, key in self._monitor.truth_topics:
             truth.subscribe(topic, key)
         for key in self._monitor.subscriptions:
             self._bus.subscribe(key)

@@ -20,13 +20,13 @@ from formation.mission.model import Mission
 from formation.monitor.core import Monitor
 from formation.monitor.exporters import layout
 from formation.monitor.metrics.keys import OWN, Watched, given_stage, usual_stage, watched
-from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, Showing, Watch
+from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, MonitorLoop, PageUpdater
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.recording.rotation import Rotation, add_rotation_flags, new_path
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind, add_page_flags, bind_flag
 from formation.monitor.web.control import on_the_bus
-from formation.monitor.web.server import EXPOSED, PageServer, opened, words
+from formation.monitor.web.server import EXPOSED, PageServer, page_server, words
 from formation.monitor.web.source import Source
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import Ros
@@ -99,11 +99,11 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
             ros = stack.enter_context(RobotBus((args.ros,), ros_naming, mailbox, node=NODE))
         if page is not None:
             page.source.tell(recording=str(recorder.path) if recorder else None)
-            showing = Showing(mission, monitor, page.source)
+            showing = PageUpdater(mission, monitor, page.source)
         if args.foxglove is not None:
             foxglove = stack.enter_context(_foxglove(args.foxglove, mission, keys))
             _log.info("foxglove: %s", foxglove.address)
-        one = Watch(
+        one = MonitorLoop(
             monitor, bus, recorder, truth, ros, showing, None if foxglove is None else foxglove.forward_sample
         )
         one.declare()
@@ -125,7 +125,7 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
     return _recorded_all(one)
 
 
-def _recorded_all(ended: Watch) -> bool:
+def _recorded_all(ended: MonitorLoop) -> bool:
     say("summary", **ended.summary())
     if ended.unrecorded:
         _log.error("the recording lacks messages: %s", ended.unrecorded)
@@ -182,7 +182,7 @@ def _page(
     driven = mission.under(args.law) if args.law else mission
     about = frames.hello(driven, live=True, control=args.control, version=version("zenoh-formation"))
     try:
-        server = opened(args.page, Source(about, lambda: clocks().wall), control)
+        server = page_server(args.page, Source(about, lambda: clocks().wall), control)
     except OSError as error:
         raise BadInput(f"--page {args.page or Bind()}: {error.strerror}") from None
     stack.callback(server.stop)

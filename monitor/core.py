@@ -23,22 +23,22 @@ from formation.wire import Now, Outgoing, Sample
 MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
 MIN_CLOCK_STEP = 0.1
-"""Smallest change of our system clock against the monotonic one, from look to look, that is reported [s]."""
+"""Smallest step of our system clock against the monotonic one that is reported [s]."""
 MAX_STEP_TIME = 1.0
-"""Longest time between two steps of a monitor that was not frozen [s]. After a longer one no robot is called
-silent for as long: what robots sent meanwhile arrives late, if at all."""
+"""Longest time between two steps of a monitor that was not frozen [s]. After a longer one no event is judged
+for as long: messages of that time arrive late, if at all."""
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
-class Numbered(NamedTuple):
+class NumberedEvent(NamedTuple):
     """An event and its number in the run, from 1."""
 
     number: int
     event: Event
 
 
-def after(items: Reversible[T], mark: float) -> list[T]:
-    """Return the newest of `items`, in order: those that begin with more than `mark`."""
+def newer_than(items: Reversible[T], mark: float) -> list[T]:
+    """Return the items with a first field above `mark`, in order; first fields rise."""
     return list(takewhile(lambda one: one[0] > mark, reversed(items)))[::-1]
 
 
@@ -49,14 +49,14 @@ class Monitor:
         """`stage` has the simulated robots: only they have ground truth."""
         self.metrics = Metrics(mission)
         self.snapshot: Snapshot | None = None
-        """Snapshot of the last look, at most 0.1 s old; None before the first."""
-        self.events: deque[Numbered] = deque(maxlen=MAX_EVENTS)
+        """The last one, at most 0.1 s old; None before the first."""
+        self.events: deque[NumberedEvent] = deque(maxlen=MAX_EVENTS)
         """The newest events, oldest first."""
         self._events = Events(mission)
         self._noted: deque[Event] = deque()
-        self._happened = 0
+        self._event_count = 0
         self._ahead: float | None = None  # our system clock before the monotonic one [s]
-        self._stepped = self._judges_from = -math.inf  # [s, monotonic]
+        self._stepped = self._events_from = -math.inf  # [s, monotonic]
         self._stage = frozenset(stage)
         self._keys = watched(mission)
         self._error_rate, self._diagnostics_rate = Rate(10.0), Rate(1.0)
@@ -67,7 +67,7 @@ class Monitor:
         return tuple(one.key for one in self._keys if not one.on_stage)
 
     @property
-    def truths(self) -> tuple[tuple[Topic, str], ...]:
+    def truth_topics(self) -> tuple[tuple[Topic, str], ...]:
         """Every topic and key that it listens to on the stage."""
         return tuple((one.topic, one.key) for one in self._keys if one.on_stage and one.robot in self._stage)
 
@@ -78,7 +78,7 @@ class Monitor:
     def watch_clock(self, now: Now) -> list[Outgoing]:
         """Return the event to publish if our system clock was set since the last call.
 
-        Record it before messages that arrived since, so that readers have the step first.
+        It is to be recorded before messages that arrived since, so that readers know of the step first.
         """
         before, self._ahead = self._ahead, now.wall - now.mono
         if before is None or abs(self._ahead - before) < MIN_CLOCK_STEP:
@@ -89,7 +89,7 @@ class Monitor:
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Read `inbox` and return the metrics that are due. An unknown error is not published."""
         outbox = self.watch_clock(now)
-        self._watch_steps(now)
+        self._note_pause(now)
         ahead = now.wall - now.mono
         for sample in inbox:
             self.metrics.process_sample(sample, sample.arrived + ahead)
@@ -98,7 +98,7 @@ class Monitor:
             if error is not None:
                 outbox.append(Outgoing(ERROR.key(), encode(Number(error))))
             self.snapshot = self.metrics.snapshot(now)
-            if now.mono >= self._judges_from:
+            if now.mono >= self._events_from:
                 self._noted.extend(self._events.collect_events(now, self.snapshot))
         outbox += self._noted_events()
         if self._diagnostics_rate.tick(now.mono):
@@ -106,18 +106,18 @@ class Monitor:
             outbox += [Outgoing(DIAGNOSTICS.key(), encode(one)) for one in diagnostics(snapshot, now.wall)]
         return outbox
 
-    def _watch_steps(self, now: Now) -> None:
-        """Note that this process was frozen; until messages arrive again, no robot is called silent."""
+    def _note_pause(self, now: Now) -> None:
+        """Note that this process was frozen; no events are judged until messages arrive again."""
         pause, self._stepped = now.mono - self._stepped, now.mono
         if not MAX_STEP_TIME < pause < math.inf:
             return
-        self._judges_from = now.mono + MAX_STEP_TIME
-        text = f"the monitor stood still for {pause:.1f} s, limit {MAX_STEP_TIME:g} s"
+        self._events_from = now.mono + MAX_STEP_TIME
+        text = f"the monitor was frozen for {pause:.1f} s, limit {MAX_STEP_TIME:g} s"
         self.note(Event(now.wall, WARNING, "", "frozen", f"{text}; messages of that time may be missing"))
 
     def _noted_events(self) -> Iterator[Outgoing]:
         while self._noted:
             event = self._noted.popleft()
-            self._happened += 1
-            self.events.append(Numbered(self._happened, event))
+            self._event_count += 1
+            self.events.append(NumberedEvent(self._event_count, event))
             yield Outgoing(EVENTS.key(), encode(to_message(event)))

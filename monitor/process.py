@@ -1,7 +1,7 @@
-"""The monitor on its buses: record first, understand later.
+"""The monitor on its buses: each message is recorded before it is decoded.
 
-All arrived messages are taken together, fifty times a second. That is enough for people and for 10 Hz
-metrics, and at thousands of messages a second far cheaper than waking for each.
+Messages are processed together, fifty times a second. That is enough for people and for 10 Hz metrics, and
+at thousands of messages a second far cheaper than waking for each.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from formation.mission.model import Mission
-from formation.monitor.core import Monitor, after
+from formation.monitor.core import Monitor, newer_than
 from formation.monitor.metrics.event import WARNING, Event
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.snapshot import Snapshot
@@ -35,35 +35,35 @@ QUIET_TIME = 0.2
 """Silence after which, at the end, no more messages are expected [s]."""
 STOP_TIMEOUT_SECONDS = 1.0
 """Longest time to go on after a request to stop while the fleet still sends [s]."""
-COMPLAINT_RATE = 0.1
+MAX_WARNING_RATE = 0.1
 """Highest rate of reports about a failing page, and about too many messages [Hz]."""
 _log = logging.getLogger(__name__)
 
 
-class Showing:
-    """Show one monitor on its page: a frame after every look, and every event.
+class PageUpdater:
+    """Update the page of one monitor: a frame for every new snapshot, and every event.
 
     Failures here are logged, and the monitor goes on.
     """
 
     def __init__(self, mission: Mission, monitor: Monitor, source: Source) -> None:
         self._mission, self._monitor, self._source = mission, monitor, source
-        self._history, self._complaints = Rate(HISTORY_RATE), Rate(COMPLAINT_RATE)
+        self._history, self._warnings = Rate(HISTORY_RATE), Rate(MAX_WARNING_RATE)
         self._begun = math.inf
         self._shown: Snapshot | None = None
         self._reported = 0
 
     def step(self, now: Now, recorder: Recorder | None) -> None:
-        """Show the news since the last step. Call it right after the monitor's step."""
+        """Show what is new since the last step. Call it right after the monitor's step."""
         self._begun = min(self._begun, now.mono)
         try:
-            for number, event in after(self._monitor.events, self._reported):
+            for number, event in newer_than(self._monitor.events, self._reported):
                 self._reported = number
                 self._source.note(frames.event(number, event))
             self._frame(now, recorder)
             self._source.step()
         except Exception:  # noqa: BLE001 - the monitor must go on without a page
-            if self._complaints.tick(now.mono):
+            if self._warnings.tick(now.mono):
                 _log.exception("the page cannot be updated")
 
     def _frame(self, now: Now, recorder: Recorder | None) -> None:
@@ -87,7 +87,7 @@ def _recording(recorder: Recorder | None, seconds: float) -> Mapping[str, Any] |
     return {"path": path, "bytes": recorder.bytes, "seconds": round(seconds, 1), "failure": failure}
 
 
-class Watch:
+class MonitorLoop:
     """Move messages from the buses, which share one mailbox, into the recording and the metrics."""
 
     def __init__(
@@ -97,7 +97,7 @@ class Watch:
         recorder: Recorder | None,
         stage: RobotSide,
         ros: RobotSide | None = None,
-        page: Showing | None = None,
+        page: PageUpdater | None = None,
         export: Callable[[Sample, float], None] | None = None,
         clock: Callable[[], Now] = clocks,
         tend: Callable[[float], None] | None = None,
@@ -105,13 +105,13 @@ class Watch:
         """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2.
 
         `export` takes every message, as received, and its arrival [s, our system clock]. It must not block.
-        `tend` does what a process does now and then, at a time [s, monotonic]; by default it tends sockets.
+        `tend` is called after each step with the time [s, monotonic]; by default it tends sockets.
         """
         self._clock, self._tend = clock, tend or Linger().tend
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros, self._page, self._export = stage, ros, page, export
         self._reported = 0  # number of the newest event sent with a snapshot
-        self._overflowed, self._complaints = 0, Rate(COMPLAINT_RATE)
+        self._overflowed, self._warnings = 0, Rate(MAX_WARNING_RATE)
 
     def declare(self) -> None:
         """Declare all publications and subscriptions. Raises BusError."""
@@ -119,7 +119,7 @@ class Watch:
             self._bus.advertise(one.topic, one.key)
             if self._ros is not None:
                 self._ros.advertise(one.topic, one.key)
-        for topic, key in self._monitor.truths:
+        for topic, key in self._monitor.truth_topics:
             self._stage.subscribe(topic, key)
         for key in self._monitor.subscriptions:
             self._bus.subscribe(key)
@@ -129,15 +129,15 @@ class Watch:
 
         With `snapshots`, print for programs five times a second, else for people every two seconds.
         """
-        tell = Rate(5.0 if snapshots else 0.5)
+        print_rate = Rate(5.0 if snapshots else 0.5)
         while not stop:
             now = self._clock()
-            self._pump(now)
+            self._process_messages(now)
             if self._page is not None:
                 self._page.step(now, self._recorder)
             self._tend(now.mono)
-            if tell.tick(now.mono):
-                self._tell(now, snapshots=snapshots)
+            if print_rate.tick(now.mono):
+                self._print_state(now, snapshots=snapshots)
             yield STEP_PERIOD
         _log.info("stopping: %s", stop.reason)
         yield from self._drain()
@@ -175,11 +175,11 @@ class Watch:
         """Why the recording, if there is one, lacks messages that arrived; empty if it has all."""
         if self._recorder is None:
             return ""
-        numbers = {"lost by the disk": self._recorder.lost, "too many to take": self._bus.overflowed}
+        numbers = {"lost by the disk": self._recorder.lost, "arrived too fast": self._bus.overflowed}
         found = [f"{number} {why}" for why, number in numbers.items() if number]
         return ", ".join(filter(None, [self._recorder.failure, *found]))
 
-    def _pump(self, now: Now) -> int:
+    def _process_messages(self, now: Now) -> int:
         inbox = self._bus.drain()
         self._publish(self._monitor.watch_clock(now), now)
         self._record(inbox, now)
@@ -194,7 +194,7 @@ class Watch:
     def _watch_overflow(self, now: Now) -> None:
         """Note messages that came while too many waited; at most every 10 s."""
         lost = self._bus.overflowed - self._overflowed
-        if lost and self._complaints.tick(now.mono):
+        if lost and self._warnings.tick(now.mono):
             self._overflowed += lost
             text = f"{lost} messages came while the monitor was busy: neither measured nor recorded"
             self._monitor.note(Event(now.wall, WARNING, "", "recording", text))
@@ -218,15 +218,15 @@ class Watch:
         end = received = self._clock().mono
         end += STOP_TIMEOUT_SECONDS
         while (now := self._clock()).mono < min(end, received + QUIET_TIME):
-            if self._pump(now):
+            if self._process_messages(now):
                 received = now.mono
             yield STEP_PERIOD
 
-    def _tell(self, now: Now, *, snapshots: bool) -> None:
+    def _print_state(self, now: Now, *, snapshots: bool) -> None:
         snapshot = self._monitor.metrics.snapshot(now)
         failure = self._recorder.failure if self._recorder else None
         if snapshots:
-            news = after(self._monitor.events, self._reported)
+            news = newer_than(self._monitor.events, self._reported)
             self._reported = news[-1].number if news else self._reported
             say(
                 "snapshot",

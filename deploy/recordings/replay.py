@@ -24,7 +24,7 @@ from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Film, Player
 from formation.monitor.replay.process import Replay
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind, add_page_flags
-from formation.monitor.web.server import PageServer, opened, words
+from formation.monitor.web.server import PageServer, page_server, words
 from formation.monitor.web.source import Source
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
@@ -151,7 +151,7 @@ def _source(one: Opened, player: Player) -> Source:
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
     with refuse_os_errors(f"--page {options.page or Bind()}"):
-        return opened(options.page, source, steer=replay.steer)
+        return page_server(options.page, source, steer=replay.steer)
 
 
 def _session(options: argparse.Namespace) -> Bus:

@@ -33,7 +33,7 @@ from formation.leader.core import Leader
 from formation.leader.process import lead
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor
-from formation.monitor.process import MAX_WAITING_MESSAGES, Watch
+from formation.monitor.process import MAX_WAITING_MESSAGES, MonitorLoop
 from formation.monitor.recording.recorder import Recorder
 from formation.ros2.ros_names import address
 from formation.simulation.edges import Edges, formation_error
@@ -321,7 +321,7 @@ class Fleet:
         bus, stage = self._fleet_port(process), RobotPort(self.local, process, hosts)
         process.plug(bus, stage)
         monitor = Monitor(self.mission, self.robots)
-        watch = Watch(monitor, bus, recorder, stage, clock=process.clock, tend=process.tend)
+        watch = MonitorLoop(monitor, bus, recorder, stage, clock=process.clock, tend=process.tend)
         watch.declare()
         self.watched = Watched(monitor, process, bus, stage)
         process.play(watch.run(process.stop, snapshots=False))

@@ -18,7 +18,7 @@ from rich.text import Text
 from formation.deploy.terminal.units import metres
 from formation.deploy.terminal.views import Printed, Redrawn
 from formation.monitor.metrics.snapshot import Snapshot
-from formation.monitor.metrics.words import counted
+from formation.monitor.metrics.words import state_counts
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
 from formation.monitor.replay.process import Replay, ReplayState
 
@@ -129,7 +129,7 @@ def line(state: ReplayState, snapshot: Snapshot) -> str:
         f"{clock(state.position - state.start)} of {clock(state.end - state.start)}",
         f"{state.speed:g}x" + (" paused" if state.paused else ""),
         f"error {metres(known.error)}{over}",
-        counted(robot.state for robot in snapshot.robots.values()),
+        state_counts(robot.state for robot in snapshot.robots.values()),
         *remarks(state),
     ]
     return "  ".join(parts)
@@ -146,7 +146,7 @@ def draw(state: ReplayState, snapshot: Snapshot, width: int, *, ascii_only: bool
         "" if known.complete or known.error is None else f" over {known.known_edges} of {known.edges} edges"
     )
     tail += f"error {metres(known.error):>7}{over}  "
-    tail += counted(robot.state for robot in snapshot.robots.values())
+    tail += state_counts(robot.state for robot in snapshot.robots.values())
     room = max(8, min(60, width - head.cell_len - len(tail) - 1))
     length = state.end - state.start
     share = (state.position - state.start) / length if length > 0.0 else 1.0

@@ -14,7 +14,7 @@ from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.table import draw, event_line
 from formation.deploy.terminal.units import metres
 from formation.monitor.metrics.event import Event
-from formation.monitor.metrics.words import counted
+from formation.monitor.metrics.words import state_counts
 
 LINE_PERIOD = 2.0
 """Time between two lines [s]."""
@@ -133,7 +133,7 @@ def line(progress: Progress) -> str:
         return f"{head}  {note or 'nothing received from the monitor yet'}"
     if not snapshot.robots:
         return f"{head}  nothing is known: the monitor has ended"
-    counts = counted(robot.state for robot in snapshot.robots.values())
+    counts = state_counts(robot.state for robot in snapshot.robots.values())
     over = f" over {snapshot.partial.words}" if snapshot.partial else ""
     settled = "  settled" if progress.settled else ""
     return f"{head}  error {metres(snapshot.known_error)}{over}{settled}  {counts}"

@@ -14,7 +14,7 @@ import foxglove
 from foxglove import Channel, Context, Schema
 
 from formation.monitor.metrics.keys import Watched
-from formation.monitor.recording.channels import SUFFIX, TYPE, packed
+from formation.monitor.recording.channels import SUFFIX, TYPE, packed_attachment
 from formation.monitor.web.address import Bind
 from formation.ros2.definitions import definition
 from formation.wire import Sample
@@ -70,7 +70,7 @@ class Foxglove:
         channel = self._attached.get(key)
         if channel is None:
             channel = self._attached[key] = self._channel(key + SUFFIX, TYPE)
-        if channel.has_sinks() and (text := packed(attachment)) is not None:
+        if channel.has_sinks() and (text := packed_attachment(attachment)) is not None:
             channel.log(text, log_time=at)
 
     def _channel(self, key: str, ros_type: str) -> Channel:

@@ -23,12 +23,13 @@ ROBOT: tuple[tuple[str, str, Callable[[RobotMetrics], float | None]], ...] = (
     ("heading_error_radians", "Estimated less true heading", lambda one: one.heading_error),
     ("position_age_seconds", "Since its last position arrived", lambda one: one.age),
     ("unavailable", "1 while it is unavailable, and others go on without it", lambda one: one.unavailable),
-    ("stuck", "1 while it does not move though it is told to", lambda one: one.stuck),
+    ("stuck", "1 while it does not move as commanded", lambda one: one.stuck),
     ("avoiding", "1 while it avoids a collision, or its protective zone slows or stops it",
      lambda one: bool(one.avoiding)),
-    ("deadlocks", "How often it was kept from moving, and went another way, since its agent's start",
+    ("deadlocks", "Deadlocks that it resolved since its agent's start",
      lambda one: one.deadlocks),
-    ("publishers", "Processes that have spoken for it: each start is another", lambda one: one.publishers),
+    ("publishers", "Processes that have published its positions; each start is another",
+     lambda one: one.publishers),
 )  # fmt: skip
 """Gauges of one robot: name after ``formation_robot_``, help, and the field with the value."""
 KEY: tuple[tuple[str, str, Callable[[KeyMetrics], float | None]], ...] = (
@@ -70,73 +71,72 @@ class MetricsCollector(Collector):
             failed = float(self._recording.get("failure") is not None)
             yield _gauge("recording_bytes", "Size of the recording", bytes_)
             yield _gauge("recording_seconds", "Length of the recording", seconds)
-            yield _gauge("recording_failed", "1 if it is not", failed)
+            yield _gauge("recording_failed", "1 if the recording has failed", failed)
 
 
-def _formation(seen: Snapshot) -> Iterator[Metric]:
-    known, verdict = seen.known, seen.verdict_now
-    yield _gauge("error_meters", "Sum over all edges", seen.formation_error)
+def _formation(snapshot: Snapshot) -> Iterator[Metric]:
+    known, verdict = snapshot.known, snapshot.verdict_now
+    yield _gauge("error_meters", "Sum over all edges", snapshot.formation_error)
     yield _gauge("known_error_meters", "Sum over the edges that are known", known.error)
     yield _gauge("known_edges", "Edges that are known", known.known_edges)
     yield _gauge("edges", "All edges", known.edges)
     yield _gauge("known_converged", "1 while known edges have stayed under the bound", verdict.converged)
-    yield _gauge("error_true_meters", "The same from ground truth", seen.formation_error_true)
-    yield _gauge("elapsed_seconds", "Since the error was first known", seen.elapsed)
-    yield _gauge("settled_seconds", "When the error fell under the bound for good", seen.settled_at)
-    yield _gauge("converged", "1 while it is known and has stayed there for 2 s", seen.converged_now)
-    modes = {(mode,): mode == seen.mode for mode in get_args(Mode)}
-    yield _gauges("mode", "1 for what the leader orders", ["mode"], modes)
+    yield _gauge("error_true_meters", "The same from ground truth", snapshot.formation_error_true)
+    yield _gauge("elapsed_seconds", "Since the error was first known", snapshot.elapsed)
+    yield _gauge("settled_seconds", "When the error fell under the bound for good", snapshot.settled_at)
+    yield _gauge("converged", "1 while it is known and has stayed there for 2 s", snapshot.converged_now)
+    modes = {(mode,): mode == snapshot.mode for mode in get_args(Mode)}
+    yield _gauges("mode", "1 for the mode that the leader orders", ["mode"], modes)
 
 
-def _shape(seen: Snapshot) -> Iterator[Metric]:
+def _shape(snapshot: Snapshot) -> Iterator[Metric]:
     """Yield the wanted shape and the current one."""
-    wish, now = seen.wish, seen.placed_shape
+    wish, now = snapshot.wish, snapshot.placed_shape
     rotation = "counter-clockwise; of a shape that turns with the leader, from its heading"
     mix = {(shape,): part for shape, part in now.mix}
-    yield _gauges("shape", "1 for the shape in force", ["shape"], {(seen.shape,): 1.0})
+    yield _gauges("shape", "1 for the shape in force", ["shape"], {(snapshot.shape,): 1.0})
     yield _gauge("rotation_radians", f"Ordered rotation, {rotation}", wish.rotation if wish else None)
     yield _gauge("scale_ratio", "Ordered scale", wish.scale if wish else None)
     yield _gauge("shape_rotation_radians", "Rotation by now, from the world's x", now.rotation)
     yield _gauge("shape_scale_ratio", "Scale by now", now.scale)
     yield _gauges("shape_share_ratio", "Share of a shape in the present mix", ["shape"], mix)
-    yield _gauge("shape_formed", "1 once the shape is where it is wanted", seen.formed)
+    yield _gauge("shape_formed", "1 once the shape is where it is wanted", snapshot.formed)
 
 
-def _leading(seen: Snapshot) -> Iterator[Metric]:
-    leader = {} if seen.leads is None else {(seen.leads,): 1.0}
-    term = seen.lead.term * 1e-9 if seen.lead else None
-    states = {(name, one.state): 1.0 for name, one in seen.candidates.items()}
+def _leading(snapshot: Snapshot) -> Iterator[Metric]:
+    leader = {} if snapshot.leads is None else {(snapshot.leads,): 1.0}
+    term = snapshot.lead.term * 1e-9 if snapshot.lead else None
+    states = {(name, one.state): 1.0 for name, one in snapshot.candidates.items()}
     yield _gauges("leader_info", "1 for the process that leads", ["leader"], leader)
     yield _gauge("leader_term_seconds", "When the term began, by the leader's clock", term)
-    yield _gauge("leader_waits", "1 while the leader waits for robots", bool(seen.waits))
-    what = "1 for what a process that may lead does"
-    yield _gauges("candidate_state", what, ["candidate", "state"], states)
+    yield _gauge("leader_waits", "1 while the leader waits for robots", bool(snapshot.waits))
+    yield _gauges("candidate_state", "1 for the candidate's state", ["candidate", "state"], states)
 
 
-def _rejected(seen: Snapshot) -> Metric:
-    what = "Messages that are not what they should be"
+def _rejected(snapshot: Snapshot) -> Metric:
+    what = "Rejected messages"
     rejected = CounterMetricFamily("formation_messages_rejected", what, labels=["key", "reason"])
-    for text, count in seen.rejected.items():
+    for text, count in snapshot.rejected.items():
         key, _, reason = text.partition(": ")
         rejected.add_metric([key, reason], count)
     return rejected
 
 
-def _robots(seen: Snapshot) -> Iterator[Metric]:
-    edges = {(robot, f"{robot}-{other}"): error for (robot, other), error in seen.edges.items()}
+def _robots(snapshot: Snapshot) -> Iterator[Metric]:
+    edges = {(robot, f"{robot}-{other}"): error for (robot, other), error in snapshot.edges.items()}
     yield _gauges("edge_error_meters", "Measured less desired displacement", ["robot", "edge"], edges)
-    for name, what, of in ROBOT:
-        values = {(robot,): of(metrics) for robot, metrics in seen.robots.items()}
+    for name, what, value_of in ROBOT:
+        values = {(robot,): value_of(metrics) for robot, metrics in snapshot.robots.items()}
         yield _gauges(f"robot_{name}", what, ["robot"], values)
-    states = {(robot, metrics.shown): 1.0 for robot, metrics in seen.robots.items()}
-    yield _gauges("robot_state", "1 for what it says of itself", ["robot", "state"], states)
+    states = {(robot, metrics.shown): 1.0 for robot, metrics in snapshot.robots.items()}
+    yield _gauges("robot_state", "1 for the state in its status", ["robot", "state"], states)
 
 
-def _keys(seen: Snapshot) -> Iterator[Metric]:
+def _keys(snapshot: Snapshot) -> Iterator[Metric]:
     labels = ["robot", "key"]
     keys = {
         (robot, key): metrics
-        for robot, one in seen.robots.items()
+        for robot, one in snapshot.robots.items()
         for key, metrics in one.keys.items()
         if metrics.count
     }
@@ -147,8 +147,9 @@ def _keys(seen: Snapshot) -> Iterator[Metric]:
         received.add_metric(which, metrics.count)
         missed.add_metric(which, metrics.missed)
     yield from (received, missed)
-    for name, what, of in KEY:
-        yield _gauges(f"key_{name}", what, labels, {which: of(metrics) for which, metrics in keys.items()})
+    for name, what, value_of in KEY:
+        values = {which: value_of(metrics) for which, metrics in keys.items()}
+        yield _gauges(f"key_{name}", what, labels, values)
 
 
 def _gauge(name: str, what: str, value: float | None) -> Metric:

@@ -58,17 +58,17 @@ def clock_step(event: Event) -> float:
     return float(found[1]) if found else 0.0
 
 
-class Pace:
-    """Allow `burst` at once, and after that one per `rest` [s]."""
+class RateLimit:
+    """Allows `burst` reports at once, and after that one per `rest` [s]."""
 
     def __init__(self, burst: int, rest: float) -> None:
-        self._most, self._left, self._rest = float(burst), float(burst), rest
+        self._burst, self._left, self._rest = float(burst), float(burst), rest
         self._at: float | None = None
 
-    def may(self, at: float) -> bool:
+    def allows(self, at: float) -> bool:
         """Return whether a report is allowed at `at` [s, monotonic]; if so, count it."""
         if self._at is not None:
-            self._left = min(self._most, self._left + (at - self._at) / self._rest)
+            self._left = min(self._burst, self._left + (at - self._at) / self._rest)
         self._at = at
         if self._left < 1.0:
             return False
@@ -76,23 +76,24 @@ class Pace:
         return True
 
 
-class Turns:
-    """Reports of one changing state."""
+class Reported:
+    """One changing state, and how often its changes are reported."""
 
     def __init__(self, state: str = "") -> None:
         """`state` is the initial one, which is not reported."""
         self.state = state
         self._unreported = 0
-        self._pace = Pace(BURST_CHANGES, REST_TIME)
+        self._pace = RateLimit(BURST_CHANGES, REST_TIME)
 
     def report(self, state: str, at: float) -> str | None:
-        """Return the end of the text if `state` is to be reported `at` [s, monotonic], else None.
+        """Return None if `state` is not to be reported `at` [s, monotonic], else the end of the text.
 
-        It counts the changes that went unreported; a state that changed back meanwhile is reported for that.
+        That has the number of changes that were not reported, if there were any. A state that changed and
+        changed back unreported is reported, too.
         """
         if state != self.state:
             self.state, self._unreported = state, self._unreported + 1
-        if not self._unreported or not self._pace.may(at):
+        if not self._unreported or not self._pace.allows(at):
             return None
         before, self._unreported = self._unreported - 1, 0
         return f" ({before} changes before were not reported)" if before else ""

@@ -1,8 +1,8 @@
 """The events of a formation, in words: snapshots in, events out, without a clock.
 
-An event is a change between two looks. Frequent events (a robot at the edge of the radio, an error at the
-bound, rubbish) are reported a few times at once and then occasionally, with a count, so that the list stays
-readable.
+An event is a change from one snapshot to the next. Frequent events (a robot at the limit of radio range, an
+error at the bound, invalid messages) are reported a few times at once and then occasionally, with a count, so
+that the list stays readable.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.event import ERROR, INFO, WARNING, Event, Pace, Turns
+from formation.monitor.metrics.event import ERROR, INFO, WARNING, Event, RateLimit, Reported
 from formation.monitor.metrics.feed import freshness_limit
 from formation.monitor.metrics.orders import Lead, Wish
 from formation.monitor.metrics.snapshot import (
@@ -57,7 +57,7 @@ STANDBY = "standby"
 
 
 class Events:
-    """Changes from look to look. Call `collect_events` steadily, several times a second."""
+    """Changes from snapshot to snapshot. Call `collect_events` steadily, several times a second."""
 
     def __init__(self, mission: Mission) -> None:
         self._robots = [_Robot(name, mission.robots[name].rate) for name in mission.names]
@@ -66,7 +66,7 @@ class Events:
         self._rejected = _Rejected(mission)
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> list[Event]:
-        """Return the events since the last look."""
+        """Return the events since the last call."""
         found = list(self._leading.collect_events(now, snapshot))
         for robot in self._robots:
             found += robot.collect_events(now, snapshot)
@@ -82,25 +82,25 @@ class _Robot:
         self.name = name
         self._limit = silence_limit(rate)
         self._joined, self._gone_since = False, 0.0
-        self._missing_since = math.inf  # since when others are there, and not this one [s, monotonic]
+        self._missing_since = math.inf  # since when others are received, and this one is not [s, monotonic]
         self._absence_reported = False
-        self._presence, self._state, self._publishers = Turns("lost"), Turns(), Turns("one process")
-        self._availability, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
-        self._stuck, self._deadlocks, self._relays = Turns("moves"), Turns("0"), Turns("true")
-        self._avoiding, self._avoided = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
-        self._sees, self._drifted = Turns(), Turns("False")
+        self._presence, self._state, self._publishers = Reported("lost"), Reported(), Reported("one process")
+        self._availability, self._fallback, self._process = Reported("follows"), Reported(), Reported("1")
+        self._stuck, self._deadlocks, self._relays = Reported("moves"), Reported("0"), Reported("true")
+        self._avoiding, self._avoided = Reported("clear"), -math.inf  # and when it last did [s, monotonic]
+        self._sees, self._drifted = Reported(), Reported("False")
         self._ran = self._followed = False
         self._holds_since = math.inf
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         robot = snapshot.robots[self.name]
         if not self._joined:
-            yield from self._absent(now, snapshot)
-        yield from self._there(now, robot)
-        yield from self._doing(now, robot)
-        yield from self._following(now, robot)
-        yield from self._obstacles(now, robot)
-        yield from self._sight(now, robot)
+            yield from self._absence_event(now, snapshot)
+        yield from self._presence_events(now, robot)
+        yield from self._state_events(now, robot)
+        yield from self._following_events(now, robot)
+        yield from self._obstacle_events(now, robot)
+        yield from self._sight_events(now, robot)
         contested = self.name in snapshot.contested
         publishers = "two processes" if contested else "one process"
         if (more := self._publishers.report(publishers, now.mono)) is not None:
@@ -113,7 +113,7 @@ class _Robot:
                 text = "relays forged orders: others refuse them; take it out of the mission, or stop it"
             yield Event(now.wall, ERROR if forges else INFO, self.name, "forged", text + more)
 
-    def _absent(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+    def _absence_event(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         """Yield one event if nothing is received of this robot though others are there."""
         others = any(one.age is not None for one in snapshot.robots.values())
         self._missing_since = _since(others, self._missing_since, now.mono)
@@ -122,7 +122,7 @@ class _Robot:
             text = f"no position received yet, {START_TIME:g} s after the first of another robot"
             yield Event(now.wall, WARNING, self.name, "absent", text)
 
-    def _there(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _presence_events(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         lost = robot.age is None or robot.age > self._limit
         if lost and robot.age is not None and self._presence.state != "lost":
             self._gone_since = now.mono - robot.age
@@ -140,9 +140,9 @@ class _Robot:
             yield Event(now.wall, INFO, self.name, "joined", f"its position is received{more}")
         self._joined = True
 
-    def _doing(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _state_events(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         kind, level = STATES.get(robot.state, ("", 0))
-        if not kind:  # silent or unseen: reported by its position
+        if not kind:  # silent or unseen: its missing position is reported instead
             return
         self._ran = self._ran or kind not in {"held", "waiting"}
         self._holds_since = _since(kind == "held", self._holds_since, now.mono)
@@ -153,7 +153,7 @@ class _Robot:
             text = f"{watching}{robot.reason or robot.state}{more}"
             yield Event(now.wall, level, self.name, kind, text)
 
-    def _following(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _following_events(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         """Yield events about whether it is followed, and which robots it measures."""
         if (more := self._process.report(str(max(robot.publishers, 1)), now.mono)) is not None:
             text = f"another process publishes its positions from here on{more}"
@@ -178,7 +178,7 @@ class _Robot:
                 level, text = WARNING, f"none of its own neighbours is left, it follows {robot.fallback}"
             yield Event(now.wall, level, self.name, "fallback", text + more)
 
-    def _obstacles(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _obstacle_events(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         if robot.avoiding:
             self._avoided = now.mono
         state = "blocked" if robot.avoiding == "blocked" else "avoiding" if robot.avoiding else "clear"
@@ -193,7 +193,7 @@ class _Robot:
             text = f"resolves a deadlock by another way ({robot.deadlocks} so far){more}"
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
-    def _sight(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+    def _sight_events(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         """Yield events about sight of its neighbours, and about odometry that scans have corrected."""
         if (more := self._sees.report(robot.sight, now.mono)) is not None and robot.sight:
             text = SIGHT.get(robot.sight) or "sees its neighbours: " + ", ".join(
@@ -213,7 +213,7 @@ class _Settled:
         self._bound = bound
         self._stands = False
         self._over_since = self._restless_since = math.inf
-        self._turns = Turns("unsettled")
+        self._turns = Reported("unsettled")
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         self._over_since = _since(snapshot.settled_at is None, self._over_since, now.mono)
@@ -253,7 +253,7 @@ class _Rejected:
         self._names = frozenset(mission.names)
         self._reported: dict[str, int] = {}
         self._next: dict[str, float] = {}
-        self._pace = Pace(MAX_REJECTION_KINDS, REJECTION_PERIOD / MAX_REJECTION_KINDS)
+        self._pace = RateLimit(MAX_REJECTION_KINDS, REJECTION_PERIOD / MAX_REJECTION_KINDS)
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         due = [
@@ -262,7 +262,7 @@ class _Rejected:
             if count > self._reported.get(what, 0) and now.mono >= self._next.get(what, now.mono)
         ]
         for what in sorted(due, key=lambda one: self._next.get(one, 0.0)):  # longest waiting first
-            if not self._pace.may(now.mono):
+            if not self._pace.allows(now.mono):
                 return
             count = snapshot.rejected[what] - self._reported.get(what, 0)
             self._reported[what], self._next[what] = snapshot.rejected[what], now.mono + REJECTION_PERIOD
@@ -281,7 +281,7 @@ def silence_limit(rate: float) -> float:
     return max(LOST_SILENCE, freshness_limit(rate))
 
 
-def described(wish: Wish) -> str:
+def wish_in_words(wish: Wish) -> str:
     """Return the wish in words; rotation and scale are left out if they are as drawn."""
     parts = [f"shape {wish.shape}"]
     if wish.rotation:
@@ -299,20 +299,20 @@ class _Leading:
 
     def __init__(self, mission: Mission) -> None:
         self._agreed = bool(mission.standbys)
-        self._order, self._formed, self._waits = Turns(), Turns("formed"), Turns("goes on")
+        self._order, self._formed, self._waits = Reported(), Reported("formed"), Reported("goes on")
         self._lead: Lead | None = None
         self._reported = 0  # number of the newest reported request
-        self._candidates = {name: Turns() for name in mission.candidates} if self._agreed else {}
+        self._candidates = {name: Reported() for name in mission.candidates} if self._agreed else {}
 
     def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
-        yield from self._led(now, snapshot.lead)
-        yield from self._requests(now, snapshot.requests)
-        yield from self._ordered(now, snapshot)
-        yield from self._awaited(now, snapshot)
+        yield from self._leader_event(now, snapshot.lead)
+        yield from self._request_events(now, snapshot.requests)
+        yield from self._order_events(now, snapshot)
+        yield from self._waiting_event(now, snapshot)
         if snapshot.leads is not None:
-            yield from self._standby(now, snapshot.candidates)
+            yield from self._candidate_events(now, snapshot.candidates)
 
-    def _led(self, now: Now, lead: Lead | None) -> Iterator[Event]:
+    def _leader_event(self, now: Now, lead: Lead | None) -> Iterator[Event]:
         if lead is None or (self._lead is not None and lead.term == self._lead.term):
             return
         self._lead = lead
@@ -327,7 +327,7 @@ class _Leading:
             text = f"leads from here on, {lead.before} was silent for {lead.silent:.1f} s"
             yield Event(now.wall, WARNING, leader, "leader", text)
 
-    def _requests(self, now: Now, requests: Sequence[ReportedRequest]) -> Iterator[Event]:
+    def _request_events(self, now: Now, requests: Sequence[ReportedRequest]) -> Iterator[Event]:
         for one in requests:
             if one.number > self._reported:
                 self._reported = one.number
@@ -335,10 +335,10 @@ class _Leading:
                 text = f"{one.what}; it {answer}{': ' if one.reason else ''}{one.reason}"
                 yield Event(now.wall, INFO if one.ok else WARNING, one.name, "requested", text)
 
-    def _ordered(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+    def _order_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         if snapshot.mode is None or snapshot.wish is None:
             return
-        ordered = f"{snapshot.mode}, {described(snapshot.wish)}"
+        ordered = f"{snapshot.mode}, {wish_in_words(snapshot.wish)}"
         if snapshot.tuned:
             ordered += f", {snapshot.tuned.words}"
         if (more := self._order.report(ordered, now.mono)) is not None:
@@ -350,13 +350,13 @@ class _Leading:
             text = f"the slots are where they are wanted, {took:.1f} s after that was ordered{more}"
             yield Event(now.wall, INFO, "", "formed", text)
 
-    def _awaited(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+    def _waiting_event(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         if (more := self._waits.report("waits" if snapshot.waits else "goes on", now.mono)) is not None:
             text = f"waits for {snapshot.waits}" if snapshot.waits else "no longer waits"
             level = WARNING if snapshot.waits else INFO
             yield Event(now.wall, level, "", "waits", f"the leader {text}{more}")
 
-    def _standby(self, now: Now, candidates: Mapping[str, CandidateMetrics]) -> Iterator[Event]:
+    def _candidate_events(self, now: Now, candidates: Mapping[str, CandidateMetrics]) -> Iterator[Event]:
         for name, one in candidates.items():
             if one.state not in {STANDBY, SILENT, LEADS}:
                 continue

@@ -42,7 +42,7 @@ class Feed:
     """Metrics of one key. Times of arrival are on this process's clocks: monotonic and system [s]."""
 
     def __init__(self, rate: float | None) -> None:
-        """`rate` [Hz] is the promised one; None if none is promised."""
+        """`rate` [Hz]: the promised one, or None."""
         self.limit = freshness_limit(rate) if rate else math.inf
         """Longest silence of a fresh feed [s]."""
         self.count = 0

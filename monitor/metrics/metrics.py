@@ -74,22 +74,22 @@ class Metrics:
         self._leader = self._robots[mission.leader]
         self._standbys = [Received(mission, name, keys[name], self._requests) for name in mission.standbys]
         self._candidates = {one.name: one.statuses for one in (self._leader, *self._standbys)}
-        self._routes = {
+        self._feeds_by_key = {
             key: (feed, handle)
             for one in (*self._robots.values(), *self._standbys)
-            for key, feed, handle in one.routes()
+            for key, feed, handle in one.feeds()
         }
         self.orders = Orders(mission, self._leader.place.trajectory.size)
         """The leader's orders."""
         for name, robot in self._robots.items():
-            self._routes[POSITION.key(name)] = robot.place.feed, partial(self._place, robot)
+            self._feeds_by_key[POSITION.key(name)] = robot.place.feed, partial(self._process_position, robot)
         self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
         self._known = KnownSettling(mission.settled, slowest)
 
     def process_sample(self, sample: Sample, wall: float) -> None:
         """Take in one message that arrived at `wall` [s, our system clock]; count a bad one."""
-        feed, handle = self._routes.get(sample.key, (None, None))
+        feed, handle = self._feeds_by_key.get(sample.key, (None, None))
         if feed is None:
             self.rejections.count("elsewhere", "unknown key")
             return
@@ -107,16 +107,16 @@ class Metrics:
     def observe(self, now: Now, *, known_only: bool = False) -> float | None:
         """Return the formation error of all robots at one moment [m]; None if unknown.
 
-        Call it steadily: settling is judged only by what it sees. With `known_only` it judges the known edges
-        alone, for use while it cannot judge all of them.
+        Call it steadily: settling is judged at these moments only. With `known_only`, it is judged for the
+        known edges only.
         """
         self._follow_clock(now.wall - now.mono)
         moment, errors = self._compare(now)
-        error, formed = _sum(errors.values()), moment >= self.orders.formed_since
+        error, formed = _sum_if_all_known(errors.values()), moment >= self.orders.formed_since
         at, last = moment + now.mono - now.wall, self._settling.last  # settling runs on the monotonic clock
         if error is not None and not known_only and (last is None or at > last):
             self._settling.observe(at, error, formed=formed)
-        self._known.observe(at, self._sum_known(errors, now), formed=formed)
+        self._known.observe(at, self._known_error_now(errors, now), formed=formed)
         return error
 
     def snapshot(self, now: Now) -> Snapshot:
@@ -125,17 +125,17 @@ class Metrics:
         start, until = self._settling.start, max(one.place.feed.accepted for one in self._robots.values())
         ordered, lead = self.orders.newest, self.orders.lead
         leads = lead.name if lead and self._leader.place.feed.fresh(now.mono) else None
-        says = self._candidates[leads].state(now) if leads else None
+        leader_state = self._candidates[leads].state(now) if leads else None
         newest = self._candidates[leads].newest(now) if leads else None
         own: dict[str, list[float | None]] = {}
         for edge, value in errors.items():
             own.setdefault(edge.robot, []).append(value)
         return Snapshot(
             elapsed=0.0 if start is None else now.mono - start,
-            formation_error=_sum(errors.values()),
-            known=self._sum_known(errors, now),
+            formation_error=_sum_if_all_known(errors.values()),
+            known=self._known_error_now(errors, now),
             known_verdict=self._known.verdict(until, start),
-            formation_error_true=_sum(self._compare(now, truly=True)[1].values()),
+            formation_error_true=_sum_if_all_known(self._compare(now, truly=True)[1].values()),
             settled_at=self._settling.settled_at(until),
             converged=self._settling.converged(until),
             final_error=self._settling.final(until),
@@ -143,7 +143,7 @@ class Metrics:
             shape=ordered.shape if ordered else self._mission.first_shape,
             robots={
                 name: robot.metrics(
-                    now, KnownError.of(own.get(name, ())), says if robot is self._leader else None
+                    now, KnownError.of(own.get(name, ())), leader_state if robot is self._leader else None
                 )
                 for name, robot in self._robots.items()
             },
@@ -192,10 +192,10 @@ class Metrics:
                 one.clock_was_set()
         self._ahead = ahead
 
-    def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
+    def _process_position(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
         """Take in a position and its attachment. Raises BadMessage."""
         if robot is not self._leader:
-            robot.place_it(sample, wall)
+            robot.process_position(sample, wall)
             if sample.attachment is not None:
                 robot.attachments.process_attachment(sample.attachment, sample.arrived)
             return
@@ -204,7 +204,7 @@ class Metrics:
             newest_order = json_message.decode(PositionAttachment, sample.attachment).order
         if newest_order is not None and self.orders.admit(newest_order, sample.arrived, wall):
             robot.clock_was_set()  # another process publishes, perhaps on another machine
-        robot.place_it(sample, wall)
+        robot.process_position(sample, wall)
         if newest_order is None:
             return
         moment = robot.place.trajectory.latest
@@ -225,7 +225,7 @@ class Metrics:
 
         return moment, {edge: error(edge) for edge in self._edges}
 
-    def _sum_known(self, errors: Errors, now: Now) -> KnownError:
+    def _known_error_now(self, errors: Errors, now: Now) -> KnownError:
         """Return the known error by the robots' own positions, and the silent robots."""
         placed = self.placed(now)[1]
         silent = {
@@ -236,6 +236,6 @@ class Metrics:
         return KnownError.of(errors.values(), silent)
 
 
-def _sum(values: Iterable[float | None]) -> float | None:
+def _sum_if_all_known(values: Iterable[float | None]) -> float | None:
     known = list(values)
     return math.fsum(v for v in known if v is not None) if None not in known else None

@@ -52,7 +52,7 @@ class PositionAttachments:
         """Whether it is unavailable: it does not follow, or not closely yet."""
         self.publishers = 0
         """Number of publishers so far; each start is another."""
-        self._looks: tuple[bytes, bool] | None = None
+        self._head: tuple[bytes, bool] | None = None
         self._newest = ""  # publisher id
         self._known: dict[str, float] = {}  # when each was replaced by another [s, monotonic]
         self._returned: deque[float] = deque(maxlen=MIN_RETURNS)  # when one came back soon [s, monotonic]
@@ -64,11 +64,11 @@ class PositionAttachments:
 
     def process_attachment(self, attachment: bytes, arrived: float) -> None:
         """Take in one attachment that arrived at `arrived` [s, monotonic]. Raises BadMessage."""
-        looks = attachment.partition(b",")[0], UNAVAILABLE in attachment
-        if looks == self._looks:
+        head = attachment.partition(b",")[0], UNAVAILABLE in attachment
+        if head == self._head:
             return
         decoded = json_message.decode(PositionAttachment, attachment)
-        self._looks, self.unavailable = looks, decoded.unavailable
+        self._head, self.unavailable = head, decoded.unavailable
         before, self._newest = self._newest, decoded.publisher_id
         if before == self._newest:
             return
@@ -103,7 +103,7 @@ class Received:
         kind = AgentStatus if name in mission.followers else LeaderStatus
         self.statuses = Statuses(kind, self._by_topic[STATUS.name], name, requests)
 
-    def routes(self) -> Iterator[tuple[str, Feed, Handler | None]]:
+    def feeds(self) -> Iterator[tuple[str, Feed, Handler | None]]:
         """Yield key, feed and handler of every key; no handler if it is only counted and recorded."""
         for one in self._keys:
             feed = self._feeds[one.key]
@@ -137,7 +137,7 @@ class ReceivedOfRobot(Received):
         self.attachments = PositionAttachments()
         """The attachments of its positions."""
         self.place = self._tracked(self._by_topic[POSITION.name], slowest)
-        self.place_it = _placing(self.place, self._offset)
+        self.process_position = _position_handler(self.place, self._offset)
         """Take in one of its positions. Raises BadMessage."""
         truth = self._by_topic.get(GROUND_TRUTH.name)
         self.truth = self.place if truth is None else self._tracked(truth, slowest)
@@ -158,13 +158,13 @@ class ReceivedOfRobot(Received):
 
         `state` (with reason) is from its own status if None.
         """
-        does, reason = state or self.statuses.state(now)
-        status = self._agent(now)
+        state_name, reason = state or self.statuses.state(now)
+        status = self._agent_status(now)
         speed = turn_rate = None
         if self._command is not None and self._command[0].fresh(now.mono):
             _, speed, turn_rate = self._command
         return RobotMetrics(
-            state=does,
+            state=state_name,
             reason=reason,
             error=error.error if error.complete else None,
             known=error,
@@ -182,7 +182,7 @@ class ReceivedOfRobot(Received):
             readonly=status is not None and status.readonly,
             stuck=status is not None and status.motion is not None,
             avoiding=_avoiding(status)
-            if status is not None and does == AgentState.RUN and not status.readonly
+            if status is not None and state_name == AgentState.RUN and not status.readonly
             else "",
             deadlocks=0 if status is None else min(status.deadlocks, MAX_DEADLOCKS),
             fallback=", ".join(
@@ -196,7 +196,7 @@ class ReceivedOfRobot(Received):
 
     def contested(self, now: Now) -> Iterable[str]:
         """Return the robots with two publishers, by this one's newest status or by its own positions."""
-        status = self._agent(now)
+        status = self._agent_status(now)
         own = (self.name,) if self.attachments.contested(now.mono) else ()
         return own if status is None else (*own, *status.contested)
 
@@ -205,7 +205,7 @@ class ReceivedOfRobot(Received):
         status = self.statuses.newest(now)
         return () if status is None else status.forged
 
-    def _agent(self, now: Now) -> AgentStatus | None:
+    def _agent_status(self, now: Now) -> AgentStatus | None:
         status = self.statuses.newest(now)
         return status if isinstance(status, AgentStatus) else None
 
@@ -223,12 +223,12 @@ class ReceivedOfRobot(Received):
     def _handlers(self, feed: Feed) -> dict[str, Handler]:
         return {
             **super()._handlers(feed),
-            GROUND_TRUTH.name: _placing(self.truth, self._offset),
-            CMD_VEL.name: self._commanding(feed),
-            **{topic.name: _stamping(feed, kind) for topic, kind in STAMPED.items()},
+            GROUND_TRUTH.name: _position_handler(self.truth, self._offset),
+            CMD_VEL.name: self._command_handler(feed),
+            **{topic.name: _stamp_handler(feed, kind) for topic, kind in STAMPED.items()},
         }
 
-    def _commanding(self, feed: Feed) -> Handler:
+    def _command_handler(self, feed: Feed) -> Handler:
         kind: type[Twist | TwistStamped] = Twist if self._spec.cmd_vel == "twist" else TwistStamped
 
         def process_command(sample: Sample, wall: float) -> None:
@@ -245,7 +245,7 @@ class ReceivedOfRobot(Received):
         return Tracked(feed, Trajectory(samples, feed.limit))
 
 
-def _placing(tracked: Tracked, offset: float) -> Handler:
+def _position_handler(tracked: Tracked, offset: float) -> Handler:
     feed, trajectory = tracked
 
     def process_pose(sample: Sample, wall: float) -> None:
@@ -258,7 +258,7 @@ def _placing(tracked: Tracked, offset: float) -> Handler:
     return process_pose
 
 
-def _stamping(feed: Feed, kind: type[Odometry | Pose | Displacement]) -> Handler:
+def _stamp_handler(feed: Feed, kind: type[Odometry | Pose | Displacement]) -> Handler:
     def process_stamp(sample: Sample, wall: float) -> None:
         feed.stamped(decode(kind, sample.payload).stamp, wall)
 

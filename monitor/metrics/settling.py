@@ -1,6 +1,6 @@
 """Whether the formation has settled, and since when: over all edges, and over those that are known.
 
-A partial sum is less than the whole one, so it has its own type and name: `known` always comes with the
+A sum over some edges is less than the sum over all, so it has its own type: a `KnownError` always has the
 number of edges in the sum.
 """
 
@@ -35,7 +35,7 @@ class Settling:
         self.wished = -math.inf
         """When the wish last changed."""
         self._threshold = threshold
-        self._break = max(MAX_UNKNOWN_TIME, longest_silence)
+        self._max_gap = max(MAX_UNKNOWN_TIME, longest_silence)
         self._under_since: float | None = None
 
     @property
@@ -54,7 +54,7 @@ class Settling:
         """
         if self.start is None:
             self.start = at
-        if error >= self._threshold or (self.last is not None and at - self.last > self._break):
+        if error >= self._threshold or (self.last is not None and at - self.last > self._max_gap):
             self._under_since = None
         if not formed:
             self._under_since = None
@@ -65,8 +65,8 @@ class Settling:
     def settled_at(self, until: float) -> float | None:
         """Return the seconds from the start to the moment since which the error stays under the threshold.
 
-        None if it does not, or if it was unknown shortly before `until`, when a position last arrived. So
-        the verdict on a run remains after it, but a robot lost before its end counts.
+        None if it does not, or if it was unknown shortly before `until`, when a position last arrived. So the
+        verdict remains after the end of a run, unless a robot was lost before it.
         """
         if self._under_since is None or self.start is None or not self._known(until):
             return None
@@ -86,7 +86,7 @@ class Settling:
         return self.error if self._known(until) else None
 
     def _known(self, until: float) -> bool:
-        return self.last is not None and until - self.last <= max(DWELL_TIME, self._break)
+        return self.last is not None and until - self.last <= max(DWELL_TIME, self._max_gap)
 
 
 class KnownError(NamedTuple):

@@ -24,11 +24,11 @@ class Placed(NamedTuple):
 class Trajectory:
     """The newest samples of one robot, interpolated."""
 
-    def __init__(self, size: int, widest: float) -> None:
-        """Keep `size` samples; positions between two more than `widest` [s] apart are unknown."""
+    def __init__(self, size: int, max_gap: float) -> None:
+        """Keep `size` samples; positions between two more than `max_gap` [s] apart are unknown."""
         self.size = size
         self._samples: deque[Placed] = deque(maxlen=size)
-        self._widest = widest
+        self._max_gap = max_gap
 
     @property
     def latest(self) -> float:
@@ -52,7 +52,7 @@ class Trajectory:
             if sample.moment == moment:
                 return sample
             if sample.moment < moment:
-                if later is None or later.moment - sample.moment > self._widest:
+                if later is None or later.moment - sample.moment > self._max_gap:
                     return None
                 return _between(sample, later, moment)
             later = sample

@@ -65,8 +65,8 @@ def line(snapshot: Snapshot) -> str:
         f"{snapshot.elapsed:6.1f} s",
         f"error {error}",
         "" if settled is None else f"settled at {settled:.1f} s",
-        counted(robot.shown for robot in snapshot.robots.values()),
-        _led(snapshot),
+        state_counts(robot.shown for robot in snapshot.robots.values()),
+        _leader_in_words(snapshot),
         f"waits for {snapshot.waits}" if snapshot.waits else "",
         *(
             f"{name} silent for {robot.age:.1f} s"
@@ -79,7 +79,7 @@ def line(snapshot: Snapshot) -> str:
     return "  ".join(part for part in parts if part)
 
 
-def counted(states: Iterable[str]) -> str:
+def state_counts(states: Iterable[str]) -> str:
     """Return the number of robots in each state that is known: ``5 run, 1 hold``."""
     return ", ".join(f"{count} {state}" for state, count in Counter(filter(None, states)).items())
 
@@ -92,7 +92,7 @@ def error_words(snapshot: Snapshot) -> str:
     return _length(known.error) + ("" if known.complete else f" over {known.words}")
 
 
-def _led(snapshot: Snapshot) -> str:
+def _leader_in_words(snapshot: Snapshot) -> str:
     """Return the leader in words if it may change, and the candidates that could not lead."""
     if not snapshot.candidates:
         return ""

@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeVar
 
 from formation.monitor.recording.channels import Channels
 from formation.monitor.recording.part import Chunk, Part
-from formation.monitor.recording.rotation import Room, Rotation, need_room, part_path
+from formation.monitor.recording.rotation import FreeSpace, Rotation, part_path, require_free_space
 from formation.monitor.recording.scan import MAX_SUMMARY_BYTES
 
 T = TypeVar("T")
@@ -45,8 +45,8 @@ class Mark(NamedTuple):
 NOTHING = Mark(0, Counter(), 0)
 
 
-def _taken(queue: SimpleQueue[T]) -> list[T]:
-    """Take everything that waits, at least one thing, up to None, which ends the queue."""
+def _wait_for_batch(queue: SimpleQueue[T]) -> list[T]:
+    """Wait for an item; return it with all that follow in the queue, up to None, which ends it."""
     batch = [queue.get()]
     with suppress(Empty):
         while batch[-1] is not None:
@@ -84,7 +84,7 @@ class Forcer:
             if mark.number >= self.safe.number and (part is None or part is not self._lost):
                 self.safe = mark
 
-    def lose(self, part: Part, mark: Mark) -> None:
+    def give_up(self, part: Part, mark: Mark) -> None:
         """Note that `part` is lost, and that without it `mark` is safe."""
         with self._lock:
             self._lost = part
@@ -129,7 +129,7 @@ class Disk:
         about: Mapping[str, str],
         channels: Channels,
         rotation: Rotation,
-        room: Room,
+        room: FreeSpace,
         *,
         forces: bool = True,
     ) -> None:
@@ -156,7 +156,7 @@ class Disk:
         self._name = 0  # the number in the newest part's name
         self._part: Part | None = None
         self._begin()
-        self.tell(logging.INFO, f"recording into {path}")
+        self.notify(logging.INFO, f"recording into {path}")
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
 
@@ -170,7 +170,7 @@ class Disk:
         """Up to where it is on the disk itself, and survives a power cut."""
         return self._forcer.safe
 
-    def put(self, chunk: Chunk) -> None:
+    def queue_chunk(self, chunk: Chunk) -> None:
         """Queue a chunk for writing."""
         self._queue.put(chunk)
 
@@ -189,11 +189,11 @@ class Disk:
     def _work(self) -> None:
         more = True
         while more:
-            batch = _taken(self._queue)
+            batch = _wait_for_batch(self._queue)
             more = batch[-1] is not None
             chunks = [one for one in batch if isinstance(one, Chunk)]
             for chunk in chunks:
-                self._keep(chunk)
+                self._write_chunk(chunk)
                 self.written += 1
             self._force(chunks)
             for one in batch:
@@ -202,11 +202,11 @@ class Disk:
         self._end()
         self._forcer.close()
 
-    def _keep(self, chunk: Chunk) -> None:
+    def _write_chunk(self, chunk: Chunk) -> None:
         """Write a chunk to its part: the current or the next one. Every part gets at least one."""
         try:
             if self._part is not None and self._part.is_gone:
-                self._lose(self._part)
+                self._give_up(self._part)
             if self._part is None:
                 if chunk.handed >= self._retry:
                     self._begin(self._room.resume if self.failure else None)
@@ -229,7 +229,7 @@ class Disk:
             self.lost += chunk.total
             return
         try:
-            need_room(self._part.path.parent, self._room.stop)
+            require_free_space(self._part.path.parent, self._room.stop)
             self._part.append(chunk)
         except OSError as error:
             if error.errno != errno.EFBIG or not self._part.counts:
@@ -240,7 +240,7 @@ class Disk:
         if self._begun is None:
             self._begun, self.failure = chunk.handed, None
             if len(self.paths) > 1:
-                self.tell(logging.INFO, f"recording goes on in {self._part.path}")
+                self.notify(logging.INFO, f"recording continues in {self._part.path}")
 
     def _begin(self, room: int | None = None) -> None:
         """Begin a part; after a failure `room` must be free for it [bytes]. Raises OSError."""
@@ -256,7 +256,7 @@ class Disk:
                     raise
                 name += 1
         try:
-            need_room(part.path.parent, self._room.stop if room is None else room)
+            require_free_space(part.path.parent, self._room.stop if room is None else room)
             if room is not None:
                 part.reserve(self._room.stop)
         except OSError:
@@ -273,7 +273,7 @@ class Disk:
             return
         try:
             self._forcer.request(self._part, mark)
-        except OSError as error:  # unknown what of it was written: new messages go to another part
+        except OSError as error:  # unknown how much was written: new messages go to another part
             self._fail(error, chunks[-1].handed if chunks else 0.0)
 
     def _mark(self, part: Part | None) -> Mark:
@@ -287,7 +287,7 @@ class Disk:
             return
         part, self._part = self._part, None
         if part.is_gone:
-            self._lose(part)
+            self._give_up(part)
             return
         mark = self._mark(part)
         try:
@@ -299,7 +299,7 @@ class Disk:
             part.finish()
         except OSError as error:
             if self.failure is None:
-                self.tell(
+                self.notify(
                     logging.WARNING,
                     f"{part.path}: its index cannot be written: {error.strerror}; see formation recover",
                 )
@@ -315,19 +315,19 @@ class Disk:
         self.lost += lost
         if self.failure is None:
             self.failure = error.strerror or str(error)
-            self.tell(
+            self.notify(
                 logging.ERROR, f"{part.path}: its last {lost} messages may not be on the disk: {self.failure}"
             )
 
-    def _lose(self, part: Part) -> None:
+    def _give_up(self, part: Part) -> None:
         """Give up a part with a deleted file: only its messages are lost."""
         self._part = None
         with suppress(OSError):
             part.finish()
         self.lost += part.counts.total()
         self._retry = 0.0
-        self._forcer.lose(part, self._mark(None))
-        self.tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
+        self._forcer.give_up(part, self._mark(None))
+        self.notify(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
 
     def _fail(self, error: OSError, now: float) -> None:
         """Close the part with what is whole, and report once that recording pauses."""
@@ -340,11 +340,11 @@ class Disk:
         self._end()
         if fresh:
             again = f"it is tried again every {RETRY_DELAY:g} s"
-            self.tell(
+            self.notify(
                 logging.ERROR, f"{self.paths[-1]}: nothing is recorded any more: {self.failure}; {again}"
             )
 
-    def tell(self, level: int, text: str) -> None:
+    def notify(self, level: int, text: str) -> None:
         """Log a message about the recording, and leave it as a notice."""
         _log.log(level, "%s", text)
         self.notices.append(Notice(level, text))

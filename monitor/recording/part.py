@@ -101,7 +101,7 @@ class Chunk:
         return sum(map(self.count, self.index))
 
 
-class Entry(NamedTuple):
+class ChunkEntry(NamedTuple):
     """One chunk."""
 
     start: int
@@ -146,7 +146,7 @@ class Index:
         self._packed: list[bytes] = []
         self._newest = bytearray()
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: ChunkEntry) -> None:
         """Add a chunk."""
         codec = entry.codec.encode()
         self.count += 1
@@ -162,7 +162,7 @@ class Index:
         """Return the chunk records of the file's summary."""
         return b"".join(entry.record() for entry in self._entries())
 
-    def _entries(self) -> Iterator[Entry]:
+    def _entries(self) -> Iterator[ChunkEntry]:
         for block in (*map(zlib.decompress, self._packed), bytes(self._newest)):
             at = 0
             while at < len(block):
@@ -174,7 +174,7 @@ class Index:
                 lengths.frombytes(block[at + 2 * count : at + 6 * count])
                 at += 6 * count
                 places = dict(zip(channels, lengths, strict=True))
-                yield Entry(start, end, offset, length, unpacked, codec, places)
+                yield ChunkEntry(start, end, offset, length, unpacked, codec, places)
 
 
 class Part:
@@ -194,10 +194,10 @@ class Part:
         fresh = _make_folder(path.parent)
         self._file = path.open("xb", buffering=0)
         try:
-            top = MAGIC + packed(Header(profile=PROFILE, library=f"formation {version('zenoh-formation')}"))
-            metadata = packed(Metadata(name=ABOUT, metadata=dict(about)))
+            top = MAGIC + encoded(Header(profile=PROFILE, library=f"formation {version('zenoh-formation')}"))
+            metadata = encoded(Metadata(name=ABOUT, metadata=dict(about)))
             self._metadata = MetadataIndex(offset=len(top), length=len(metadata), name=ABOUT)
-            self._put(top + metadata)
+            self._write(top + metadata)
             self.size = len(top) + len(metadata)
             os.fsync(self._file.fileno())
             for folder in fresh:
@@ -222,7 +222,7 @@ class Part:
         if self._known != len(self._channels.channels):
             self._known = len(self._channels.channels)
             kinds = (*self._channels.schemas, *self._channels.channels)
-            self._kinds_size = sum(len(packed(one)) for one in kinds)
+            self._kinds_size = sum(len(encoded(one)) for one in kinds)
         return self._kinds_size + self._index.size + 10 * self._known + 1000
 
     def append(self, chunk: Chunk) -> None:
@@ -245,8 +245,8 @@ class Part:
             length = table.nbytes
             lengths[channel] = _INDEX_HEAD.size + length
             indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + length, channel, length) + table.tobytes()
-        self._put(record + indexes)
-        self._index.add(Entry(chunk.start, chunk.end, self.size, len(record), unpacked, codec, lengths))
+        self._write(record + indexes)
+        self._index.add(ChunkEntry(chunk.start, chunk.end, self.size, len(record), unpacked, codec, lengths))
         self.size += len(record) + len(indexes)
         self._declared = chunk.channels
         if chunk.index:
@@ -265,7 +265,7 @@ class Part:
         """Write the index and close the file, also if writing fails."""
         try:
             late = self._declarations(len(self._channels.channels))
-            self._put(late + packed(DataEnd(data_section_crc=0)) + self._summary(self.size + len(late)))
+            self._write(late + encoded(DataEnd(data_section_crc=0)) + self._summary(self.size + len(late)))
             os.fsync(self._file.fileno())
         finally:
             self._close()
@@ -286,7 +286,7 @@ class Part:
         with self._forcing:
             self._file.close()
 
-    def _put(self, data: bytes | bytearray) -> None:
+    def _write(self, data: bytes | bytearray) -> None:
         """Append all of `data`, or nothing."""
         before, view = self._file.tell(), memoryview(data)
         try:
@@ -310,30 +310,30 @@ class Part:
             if channel.schema_id not in known:
                 known.add(channel.schema_id)
                 if channel.schema_id in schemas:
-                    records += packed(schemas[channel.schema_id])
-            records += packed(channel)
+                    records += encoded(schemas[channel.schema_id])
+            records += encoded(channel)
         return bytes(records)
 
     def _summary(self, end: int) -> bytes:
         """Return everything after the data, which ends at `end`."""
-        base = end + len(packed(DataEnd(data_section_crc=0)))
+        base = end + len(encoded(DataEnd(data_section_crc=0)))
         groups = (
-            (Opcode.SCHEMA, b"".join(map(packed, self._channels.schemas))),
-            (Opcode.CHANNEL, b"".join(map(packed, self._channels.channels))),
-            (Opcode.STATISTICS, packed(self._statistics())),
+            (Opcode.SCHEMA, b"".join(map(encoded, self._channels.schemas))),
+            (Opcode.CHANNEL, b"".join(map(encoded, self._channels.channels))),
+            (Opcode.STATISTICS, encoded(self._statistics())),
             (Opcode.CHUNK_INDEX, self._index.records()),
-            (Opcode.METADATA_INDEX, packed(self._metadata)),
+            (Opcode.METADATA_INDEX, encoded(self._metadata)),
         )
         body, offsets = bytearray(), b""
         for opcode, records in groups:
             if records:
                 start = base + len(body)
-                offsets += packed(SummaryOffset(opcode, start, len(records)))
+                offsets += encoded(SummaryOffset(opcode, start, len(records)))
                 body += records
         places = base, base + len(body)
         body += offsets
         head = _FOOTER_HEAD.pack(Opcode.FOOTER, 20, *places)
-        return bytes(body) + packed(Footer(*places, summary_crc=zlib.crc32(head, zlib.crc32(body)))) + MAGIC
+        return bytes(body) + encoded(Footer(*places, summary_crc=zlib.crc32(head, zlib.crc32(body)))) + MAGIC
 
     def _statistics(self) -> Statistics:
         return Statistics(
@@ -344,7 +344,7 @@ class Part:
         )  # fmt: skip
 
 
-def packed(record: McapRecord) -> bytes:
+def encoded(record: McapRecord) -> bytes:
     """Return one record as stored in the file."""
     builder = RecordBuilder()
     write: Callable[[RecordBuilder], None] = record.write

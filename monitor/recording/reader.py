@@ -20,20 +20,20 @@ from formation.mission.model import Mission
 from formation.monitor.metrics.event import clock_step, from_message
 from formation.monitor.metrics.keys import OWN
 from formation.monitor.metrics.metrics import Metrics
-from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked
+from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked_attachment
 from formation.monitor.recording.rotation import siblings
 from formation.monitor.recording.scan import (
-    Tell,
+    Progress,
     Times,
     contents,
     damaged,
     ends_before,
     first_records,
     footer,
+    parsed,
     records,
     summary,
     times_of,
-    understood,
 )
 from formation.ros2.messages import LogEntry, decode
 from formation.topics import ERROR, EVENTS
@@ -156,7 +156,7 @@ def about_of(path: Path) -> Mapping[str, str]:
             for record in first_records(file):
                 if record.opcode != Opcode.METADATA:
                     continue
-                found = understood(Metadata.read, record.body)
+                found = parsed(Metadata.read, record.body)
                 if found is not None and found.name == ABOUT and "mission_file" in found.metadata:
                     metadata: dict[str, str] = found.metadata
                     return metadata
@@ -165,10 +165,10 @@ def about_of(path: Path) -> Mapping[str, str]:
     raise UnreadableError(f"{path}: is no recording that `formation` made")
 
 
-def condition_of(path: Path, tell: Tell = lambda _: None) -> Condition:
+def condition_of(path: Path, on_progress: Progress = lambda _: None) -> Condition:
     """Return what of a file cannot be read. Raises OSError."""
     with path.open("rb") as file:
-        return Condition(footer(file) is None, damaged(file, tell))
+        return Condition(footer(file) is None, damaged(file, on_progress))
 
 
 def _parts(path: Path, about: Mapping[str, str]) -> tuple[Path, ...]:
@@ -199,7 +199,7 @@ def extent_of(*parts: Path) -> Extent:
     counts: Counter[str] = Counter()
     spans, chunks = list[Times](), list[Times]()
     for part in parts:
-        keys, numbers, span, found = _counted(part)
+        keys, numbers, span, found = _indexed_contents(part)
         spans += span
         chunks += found
         for number, n in numbers.items():
@@ -226,7 +226,7 @@ def _follow_closely(chunks: Sequence[Times]) -> bool:
     )
 
 
-def _counted(part: Path) -> tuple[dict[int, str], Counter[int], list[Times], list[Times]]:
+def _indexed_contents(part: Path) -> tuple[dict[int, str], Counter[int], list[Times], list[Times]]:
     """Return a file's keys and number of messages by channel, its time span, and the times of its chunks."""
     numbers: Counter[int] = Counter()
     with part.open("rb") as file:
@@ -238,7 +238,7 @@ def _counted(part: Path) -> tuple[dict[int, str], Counter[int], list[Times], lis
         chunks = []
         for record in records(file):
             if record.opcode == Opcode.CHUNK and (chunk := contents(record.body)) and chunk.messages:
-                _learn(keys, *chunk.declared)
+                _add_keys(keys, *chunk.declared)
                 numbers.update(message.channel for message in chunk.messages)
                 logged = [message.logged for message in chunk.messages]
                 chunks.append(Times(min(logged), max(logged)))
@@ -285,18 +285,18 @@ def _messages_of(file: IO[bytes], since: float) -> Iterator[tuple[str, bytes, by
     attachments: dict[str, bytes] = {}
     for record in records(file):
         if record.opcode == Opcode.CHANNEL:
-            _learn(keys, understood(Channel.read, record.body))
+            _add_keys(keys, parsed(Channel.read, record.body))
         if record.opcode != Opcode.CHUNK or (indexed and ends_before(record, since)):
             continue
         if (chunk := contents(record.body)) is None:
             continue
-        _learn(keys, *chunk.declared)
+        _add_keys(keys, *chunk.declared)
         if ends_before(record, since):
             continue
         for message in chunk.messages:
             key = keys.get(message.channel, "")
             if key.endswith(SUFFIX):
-                attachments[key.removesuffix(SUFFIX)] = unpacked(message.data)
+                attachments[key.removesuffix(SUFFIX)] = unpacked_attachment(message.data)
             elif key:
                 yield key, message.data, attachments.pop(key, None), message.logged / 1e9
 
@@ -308,15 +308,15 @@ def _indexed(file: IO[bytes]) -> tuple[dict[int, str], Statistics | None, list[T
     chunks = []
     for record in summary(file):
         if record.opcode == Opcode.CHANNEL:
-            _learn(keys, understood(Channel.read, record.body))
+            _add_keys(keys, parsed(Channel.read, record.body))
         elif record.opcode == Opcode.STATISTICS:
-            statistics = understood(Statistics.read, record.body)
+            statistics = parsed(Statistics.read, record.body)
         elif record.opcode == Opcode.CHUNK_INDEX and (times := times_of(record)) is not None:
             chunks.append(times)
     return keys, statistics, chunks
 
 
-def _learn(keys: dict[int, str], *channels: Channel | None) -> None:
+def _add_keys(keys: dict[int, str], *channels: Channel | None) -> None:
     for channel in channels:
         if channel is not None:
             keys[channel.id] = channel.topic.removeprefix("/")

@@ -16,10 +16,10 @@ from types import MappingProxyType
 from typing import Self
 
 from formation.monitor.metrics.keys import Watched
-from formation.monitor.recording.channels import SUFFIX, TYPE, Channels, about, packed
+from formation.monitor.recording.channels import SUFFIX, TYPE, Channels, about, packed_attachment
 from formation.monitor.recording.disk import Disk, Notice
 from formation.monitor.recording.part import Chunk
-from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
+from formation.monitor.recording.rotation import FREE_SPACE, ROTATION, FreeSpace, Rotation
 from formation.ros2.definitions import definition
 from formation.transport.runtime.process import BadInput
 from formation.wire import Sample
@@ -55,7 +55,7 @@ class Recorder:
         law: str,
         keys: Iterable[Watched],
         rotation: Rotation = ROTATION,
-        room: Room = ROOM,
+        room: FreeSpace = FREE_SPACE,
         metadata: Mapping[str, str] = MappingProxyType({}),
         *,
         in_step: bool = False,
@@ -129,7 +129,7 @@ class Recorder:
         if self._is_full:
             return "the disk is too slow"
         if not self._is_closed and not self._disk.is_alive:
-            return "what writes the recording has ended"
+            return "the thread that writes the recording has ended"
         return self._disk.failure
 
     def notices(self) -> Iterator[Notice]:
@@ -149,9 +149,9 @@ class Recorder:
         self._sequence[sample.key] += 1
         sequence = self._sequence[sample.key] & 0xFFFFFFFF
         if sample.attachment is not None:
-            beside = packed(sample.attachment)
-            if beside is not None:
-                self._chunk.add(self._beside(sample.key), sequence, arrived, sent, beside)
+            attached = packed_attachment(sample.attachment)
+            if attached is not None:
+                self._chunk.add(self._attachment_channel(sample.key), sequence, arrived, sent, attached)
         self._chunk.add(channel, sequence, arrived, sent, sample.payload)
         if len(self._chunk.raw) > CHUNK_BYTES:
             self._hand_over(self._flush_due or 0.0)
@@ -165,8 +165,8 @@ class Recorder:
         if sample.key not in self._too_long:
             self._too_long.add(sample.key)
             limit = f"at most {MAX_MESSAGE_BYTES} are recorded"
-            what = f"not recorded: {sample.key} has a message of {length} bytes; {limit}"
-            self._disk.tell(logging.ERROR, what)
+            what = f"not recorded: {sample.key} with a message of {length} bytes; {limit}"
+            self._disk.notify(logging.ERROR, what)
         return True
 
     def flush(self, mono: float) -> None:
@@ -178,7 +178,7 @@ class Recorder:
             self._hand_over(mono)
             if self._in_step:
                 self._disk.catch_up(STOP_TIMEOUT_SECONDS)
-            self._look(mono)
+            self._check_disk(mono)
 
     def close(self) -> None:
         """Write the index and end the file. May be called twice."""
@@ -189,7 +189,7 @@ class Recorder:
         if not self._disk.close(STOP_TIMEOUT_SECONDS):
             _log.error("%s: the disk does not answer, the end of the recording is missing", self.paths[-1])
 
-    def _beside(self, key: str) -> int:
+    def _attachment_channel(self, key: str) -> int:
         number = self._attached.get(key)
         if number is None:
             number = self._attached[key] = self._channels.register(key + SUFFIX, TYPE)
@@ -207,9 +207,9 @@ class Recorder:
         self._waiting.append(len(chunk.raw))
         self._unsafe.append(mono)
         self._handed += 1
-        self._disk.put(chunk)
+        self._disk.queue_chunk(chunk)
 
-    def _look(self, mono: float) -> None:
+    def _check_disk(self, mono: float) -> None:
         while len(self._waiting) > self._handed - self._disk.written:
             self._waiting.popleft()
         while len(self._unsafe) > self._handed - self._disk.safe.number:
@@ -217,15 +217,15 @@ class Recorder:
         behind = mono - self._unsafe[0] if self._unsafe else 0.0
         if behind > MIN_REPORTED_DELAY and not self._is_late:
             text = f"the disk is {behind:.1f} s behind, limit {MIN_REPORTED_DELAY:g} s"
-            self._disk.tell(logging.WARNING, f"{text}: a power cut would lose these; use a faster disk")
+            self._disk.notify(logging.WARNING, f"{text}: a power cut would lose that; use a faster disk")
         self._is_late = behind > MIN_REPORTED_DELAY
         full = sum(self._waiting) > (MAX_WAITING_BYTES // 2 if self._is_full else MAX_WAITING_BYTES)
         if full and not self._is_full:
             waiting = f"{sum(self._waiting) / 1e6:.0f} MB wait, limit {MAX_WAITING_BYTES / 1e6:.0f} MB"
             text = f"nothing is recorded any more: the disk is {behind:.0f} s behind, {waiting}"
-            self._disk.tell(logging.ERROR, f"{text}; goes on when half is written")
+            self._disk.notify(logging.ERROR, f"{text}; continues when half of that is written")
         elif self._is_full and not full:
-            self._disk.tell(logging.WARNING, "recording goes on: the disk has caught up")
+            self._disk.notify(logging.WARNING, "recording continues: the disk has caught up")
         self._is_full = full
 
 

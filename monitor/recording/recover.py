@@ -21,7 +21,7 @@ from formation.monitor.recording.reader import (
     condition_of,
     extent_of,
 )
-from formation.monitor.recording.scan import Contents, Record, Tell, contents, declared, records, understood
+from formation.monitor.recording.scan import Contents, Progress, Record, contents, declared, parsed, records
 
 
 class Found(NamedTuple):
@@ -40,7 +40,9 @@ class Found(NamedTuple):
         return not self.condition.words
 
 
-def recover(path: Path, out: Path, checked: Tell = lambda _: None, copied: Tell = lambda _: None) -> Found:
+def recover(
+    path: Path, out: Path, checked: Progress = lambda _: None, copied: Progress = lambda _: None
+) -> Found:
     """Write what is readable in `path` to `out`, which must not exist; nothing if it is whole already.
 
     `checked` and `copied` are called with the share of `path` that is.
@@ -65,14 +67,14 @@ def recover(path: Path, out: Path, checked: Tell = lambda _: None, copied: Tell 
     return Found(condition, extent, path.stat().st_size - end if condition.is_cut else 0)
 
 
-def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> int:
+def _copy(path: Path, part: Part, channels: Channels, progress: Progress) -> int:
     """Copy every readable chunk unchanged; return where the readable data ends."""
     end, size = 0, max(path.stat().st_size, 1)
     with path.open("rb") as file:
         indexed = list(declared(file))
         for record in records(file):
             end = record.end
-            tell(end / size)
+            progress(end / size)
             if record.opcode == Opcode.CHUNK and (found := contents(record.body)) is not None:
                 _declare(part, channels, found, indexed)
                 _append(part, channels, record, found)
@@ -100,6 +102,6 @@ def _append(part: Part, channels: Channels, record: Record, found: Contents) -> 
         chunk.index.setdefault(message.channel, array("Q")).extend((message.logged, message.at))
     times = [message.logged for message in found.messages]
     chunk.start, chunk.end = min(times, default=0), max(times, default=0)
-    whole = understood(ChunkRecord.read, record.body)
+    whole = parsed(ChunkRecord.read, record.body)
     codec = "" if whole is None else whole.compression
     part.append_packed(record.whole, chunk, 0, found.unpacked, codec)

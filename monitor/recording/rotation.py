@@ -28,7 +28,7 @@ class Rotation(NamedTuple):
         return (self.size is not None and size > self.size) or (self.time is not None and age >= self.time)
 
 
-class Room(NamedTuple):
+class FreeSpace(NamedTuple):
     """How full a disk may become. Two limits, so that a nearly full disk does not cause many parts."""
 
     stop: int = 32_000_000
@@ -37,7 +37,7 @@ class Room(NamedTuple):
     """Free space at which recording resumes [bytes]."""
 
 
-ROTATION, ROOM = Rotation(), Room()
+ROTATION, FREE_SPACE = Rotation(), FreeSpace()
 
 
 def of_size(text: str) -> float | None:
@@ -85,7 +85,7 @@ def siblings(path: Path) -> list[Path]:
         return [path]
 
 
-def need_room(folder: Path, room: int) -> None:
+def require_free_space(folder: Path, room: int) -> None:
     """Raise OSError if there is less than `room` [bytes] on the disk of `folder`."""
     disk = os.statvfs(folder)
     if disk.f_bavail * disk.f_frsize < room:

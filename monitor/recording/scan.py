@@ -45,7 +45,7 @@ _KINDS: Mapping[int, type[Schema | Channel]] = MappingProxyType(
     {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 )
 R = TypeVar("R")
-Tell = Callable[[float], None]
+Progress = Callable[[float], None]
 """Progress callback: the share of the file read, from 0 to 1."""
 
 
@@ -76,7 +76,7 @@ class Times(NamedTuple):
     last: int
 
 
-class Entry(NamedTuple):
+class ChunkMessage(NamedTuple):
     """One message of a chunk."""
 
     channel: int
@@ -92,7 +92,7 @@ class Contents(NamedTuple):
 
     declared: list[Channel]
     schemas: list[Schema]
-    messages: list[Entry]
+    messages: list[ChunkMessage]
     unpacked: int
     """Length of the unpacked chunk [bytes]."""
 
@@ -127,11 +127,11 @@ def records(file: IO[bytes]) -> Iterator[Record]:
         at = starts[following]
 
 
-def damaged(file: IO[bytes], tell: Tell) -> int:
+def damaged(file: IO[bytes], on_progress: Progress) -> int:
     """Return the number of stretches that cannot be read; what is missing at the end is none."""
     count, end, size = 0, len(MAGIC), os.fstat(file.fileno()).st_size
     for record in records(file):
-        tell(record.end / size)
+        on_progress(record.end / size)
         unreadable = record.opcode == Opcode.CHUNK and contents(record.body) is None
         count += (record.at != end) + unreadable
         end = record.end
@@ -140,7 +140,7 @@ def damaged(file: IO[bytes], tell: Tell) -> int:
     return count + (footer(file) is not None)
 
 
-def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
+def parsed(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
     """Return a record parsed by its class's `read`; None if it is damaged."""
     try:
         return read(ReadDataStream(BytesIO(body)))
@@ -150,7 +150,7 @@ def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
 
 def contents(body: bytes) -> Contents | None:
     """Return the content of the chunk with this body; None if any of it is damaged."""
-    chunk = understood(Chunk.read, body)
+    chunk = parsed(Chunk.read, body)
     try:
         if chunk is None:
             return None
@@ -182,7 +182,7 @@ def footer(file: IO[bytes]) -> Footer | None:
     tail = file.read()
     if not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
         return None
-    found = understood(Footer.read, tail[_HEAD.size :])
+    found = parsed(Footer.read, tail[_HEAD.size :])
     inside = found is not None and (not found.summary_start or len(MAGIC) <= found.summary_start < size)
     return found if inside else None
 
@@ -198,7 +198,7 @@ def declared(file: IO[bytes]) -> Iterator[Schema | Channel]:
     """Yield the schemas and channels in the index, schemas first."""
     for record in summary(file):
         kind = _KINDS.get(record.opcode)
-        found = None if kind is None else understood(kind.read, record.body)
+        found = None if kind is None else parsed(kind.read, record.body)
         if found is not None:
             yield found
 
@@ -276,17 +276,17 @@ def _contents(raw: bytes) -> Contents:
             raise ValueError("no record, or one that is longer than its chunk")
         if opcode == message:
             _, _, channel, _, logged, _ = MESSAGE.unpack_from(raw, at)
-            found.messages.append(Entry(channel, logged, at, raw[at + MESSAGE.size : end]))
+            found.messages.append(ChunkMessage(channel, logged, at, raw[at + MESSAGE.size : end]))
         elif opcode == Opcode.CHANNEL:
-            found.declared.append(_sure(Channel.read, raw[at + _HEAD.size : end]))
+            found.declared.append(_parsed_or_raise(Channel.read, raw[at + _HEAD.size : end]))
         elif opcode == Opcode.SCHEMA:
-            found.schemas.append(_sure(Schema.read, raw[at + _HEAD.size : end]))
+            found.schemas.append(_parsed_or_raise(Schema.read, raw[at + _HEAD.size : end]))
         at = end
     return found
 
 
-def _sure(read: Callable[[ReadDataStream], R], body: bytes) -> R:
-    record = understood(read, body)
+def _parsed_or_raise(read: Callable[[ReadDataStream], R], body: bytes) -> R:
+    record = parsed(read, body)
     if record is None:
         raise ValueError("a record of a chunk is damaged")
     return record

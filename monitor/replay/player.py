@@ -69,14 +69,14 @@ class Due(NamedTuple):
     """One due message."""
 
     message: Recorded
-    aloud: bool
-    """Whether it is played; else it is skipped on the way to the sought position."""
+    played: bool
+    """Whether it is played; if not, it is only passed on the way to the sought position."""
 
 
 class Batch(NamedTuple):
     """The messages to handle now."""
 
-    anew: bool
+    restarts: bool
     """Whether the metrics start again before these messages."""
     due: list[Due]
 
@@ -116,7 +116,7 @@ class Player:
         self._film, self._stretch = film, stretch
         self._anchor = mono, film.start
         self._target: float | None = None
-        self._anew = False
+        self._restarts = False
         self._messages = film.messages(film.start)
         self._next = next(self._messages, None)
 
@@ -156,23 +156,23 @@ class Player:
         """Go to a position [s], limited to the film. Pausing and speed stay as they are."""
         target = min(max(to, self.start), self.end)
         near = self.position <= target <= self.position + self._stretch
-        if self._anew or (self.seeking and target < self.goal) or not near:
-            self._begin_anew(target)
+        if self._restarts or (self.seeking and target < self.goal) or not near:
+            self._restart_at(target)
         self._target, self.behind = target, 0.0
         self.seeks += 1
 
-    def next_batch(self, mono: float, most: int) -> Batch:
-        """Return the messages due at `mono`, in order: at most `most`; if as many, call again."""
-        anew, self._anew = self._anew, False
+    def next_batch(self, mono: float, max_messages: int) -> Batch:
+        """Return the messages due at `mono`, in order: at most `max_messages`; if as many, call again."""
+        restarts, self._restarts = self._restarts, False
         due: list[Due] = []
         if self._target is not None:
-            due = self._pass_over(mono, self._target, most)
+            due = self._skip_to(mono, self._target, max_messages)
         if not self.seeking and not self.paused:
-            due += self._play(mono, most - len(due))
-        return Batch(anew, due)
+            due += self._play(mono, max_messages - len(due))
+        return Batch(restarts, due)
 
     def idle(self, mono: float) -> float:
-        """Return how long nothing will be due without steering [s, real]; infinite while paused."""
+        """Return the time until a message is due if nothing steers it [s, real]; infinite while paused."""
         if self.seeking:
             return 0.0
         if self._next is None or self.paused:
@@ -180,19 +180,19 @@ class Player:
         since, begin = self._anchor
         return max(since + (self._next.sample.arrived - begin) / self.speed - mono, 0.0)
 
-    def _pass_over(self, mono: float, target: float, most: int) -> list[Due]:
+    def _skip_to(self, mono: float, target: float, max_messages: int) -> list[Due]:
         due: list[Due] = []
-        while self._next is not None and self._next.sample.arrived < target and len(due) < most:
-            due.append(Due(self._pop(), aloud=False))
-        if len(due) < most:
+        while self._next is not None and self._next.sample.arrived < target and len(due) < max_messages:
+            due.append(Due(self._next_message(), played=False))
+        if len(due) < max_messages:
             self._target, self.position, self._anchor = None, target, (mono, target)
         return due
 
-    def _play(self, mono: float, most: int) -> list[Due]:
+    def _play(self, mono: float, max_messages: int) -> list[Due]:
         clock = self._clock(mono)
         due: list[Due] = []
-        while self._next is not None and self._next.sample.arrived <= clock and len(due) < most:
-            due.append(Due(self._pop(), aloud=True))
+        while self._next is not None and self._next.sample.arrived <= clock and len(due) < max_messages:
+            due.append(Due(self._next_message(), played=True))
         reached = clock
         if self._next is not None and self._next.sample.arrived <= clock:  # more than fits now
             reached = due[-1].message.sample.arrived if due else self.position
@@ -212,15 +212,15 @@ class Player:
                 self.behind, self._anchor, clock = 0.0, (mono, waits), waits
         return min(clock, self.end)
 
-    def _pop(self) -> Recorded:
+    def _next_message(self) -> Recorded:
         message = self._next
         assert message is not None  # noqa: S101 - for the type checker: checked by the caller
         self._next = next(self._messages, None)
         return message
 
-    def _begin_anew(self, target: float) -> None:
+    def _restart_at(self, target: float) -> None:
         since = self.start if target - self.start <= self._stretch else target - self._stretch
-        self._anew, self.built_from = True, since
+        self._restarts, self.built_from = True, since
         self.position = since
         self._messages = self._film.messages(since)
         self._next = next(self._messages, None)

@@ -17,7 +17,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from formation.mission.model import Mission
-from formation.monitor.core import after
+from formation.monitor.core import newer_than
 from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.recording.reader import Recorded, Rerun
@@ -42,7 +42,7 @@ FRAME_RATE = 10.0
 """Rate of frames [Hz]."""
 STEERING_TIMEOUT_SECONDS = 2.0
 """How long a steering request waits for its turn [s]."""
-Order = tuple[str, float | None, "Future[dict[str, Any]]"]
+SteeringRequest = tuple[str, float | None, "Future[dict[str, Any]]"]
 
 
 class Picture:
@@ -74,14 +74,14 @@ class Picture:
         except BadMessage:
             return  # of the monitor's own messages, which the metrics do not use either
 
-    def show(self, source: Source, *, anew: bool) -> None:
+    def show(self, source: Source, *, restarts: bool) -> None:
         """Tell the page what is new, or everything if it has another picture."""
-        if anew:
+        if restarts:
             source.restart(self.history, (frames.event(*one) for one in self.events))
         else:
-            for error in after(self.history, self.shown_at):
+            for error in newer_than(self.history, self.shown_at):
                 source.observe(*error)
-            for event in after(self.events, self.shown_event):
+            for event in newer_than(self.events, self.shown_event):
                 source.note(frames.event(*event))
         self.shown_at = self.history[-1][0] if self.history else -math.inf
         self.shown_event = self._happened
@@ -130,27 +130,27 @@ class Replay:
         player: Player,
         source: Source | None = None,
         echo: Echo | None = None,
-        again_from: float | None = None,
+        loop_from: float | None = None,
     ) -> None:
         """`source` is the page's, `echo` publishes on the bus.
 
-        At its end it goes on from `again_from` [s, the recorder's system clock], if given.
+        At its end it goes on from `loop_from` [s, the recorder's system clock], if given.
         """
         self._mission, self._player = mission, player
-        self._source, self._echo, self._again_from = source, echo, again_from
+        self._source, self._echo, self._loop_from = source, echo, loop_from
         self._picture = Picture(mission)
-        self._orders: SimpleQueue[Order] = SimpleQueue()
+        self._requests: SimpleQueue[SteeringRequest] = SimpleQueue()
         self._frames = Rate(FRAME_RATE)
         self._played = self._skipped = 0
 
     @property
     def state(self) -> ReplayState:
         """The state of the replay."""
-        one = self._player
+        player = self._player
         return ReplayState(
-            one.goal, one.start, one.end, one.speed, one.paused, one.seeking, one.finished, one.built_from,
-            one.lost + one.behind, self._played, self._echo.published if self._echo else 0, self._skipped,
-            one.seeks,
+            player.goal, player.start, player.end, player.speed, player.paused, player.seeking,
+            player.finished, player.built_from, player.lost + player.behind, self._played,
+            self._echo.published if self._echo else 0, self._skipped, player.seeks,
         )  # fmt: skip
 
     @property
@@ -165,7 +165,7 @@ class Replay:
         Raises ValueError for an invalid request.
         """
         done: Future[dict[str, Any]] = Future()
-        self._orders.put((do, to, done))
+        self._requests.put((do, to, done))
         with suppress(TimeoutError):
             return done.result(STEERING_TIMEOUT_SECONDS)
         return self.state.as_json()
@@ -189,42 +189,42 @@ class Replay:
 
         Returns after little more than `MAX_TURN_TIME`.
         """
-        self._obey()
+        self._do_requests()
         was_seeking = self._player.seeking
-        self._feed()
+        self._process_due()
         if self._source is not None:
             if self._player.seeking:
-                self._bridge(self._source)
+                self._show_while_seeking(self._source)
             else:
-                self._show(self._source, anew=was_seeking)
+                self._show(self._source, restarts=was_seeking)
             self._source.step()
-        if self._again_from is not None and self._player.finished and not self._player.paused:
-            self._player.seek(self._again_from)
+        if self._loop_from is not None and self._player.finished and not self._player.paused:
+            self._player.seek(self._loop_from)
         return min(max(self._player.idle(time.monotonic()), MIN_PAUSE), MAX_PAUSE)
 
-    def _obey(self) -> None:
+    def _do_requests(self) -> None:
         with suppress(Empty):
             while True:
-                do, to, done = self._orders.get_nowait()
+                do, to, done = self._requests.get_nowait()
                 try:
                     self.step(do, to)
                     done.set_result(self.state.as_json())
                 except ValueError as error:
                     done.set_exception(error)
 
-    def _feed(self) -> None:
+    def _process_due(self) -> None:
         end = time.monotonic() + MAX_TURN_TIME
         while (mono := time.monotonic()) < end:
             lost = self._player.lost
             batch = self._player.next_batch(mono, BATCH_MESSAGES)
             behind = self._player.behind > MAX_LATENESS or self._player.lost > lost
             late = behind and self._player.speed > 1.0
-            if batch.anew:
+            if batch.restarts:
                 self._picture = Picture(self._mission)
-            for message, aloud in batch.due:
+            for message, played in batch.due:
                 self._picture.process_message(message)
-                self._played += aloud
-                if aloud and self._echo is not None:
+                self._played += played
+                if played and self._echo is not None:
                     if late:
                         self._skipped += 1
                     else:
@@ -232,14 +232,14 @@ class Replay:
             if len(batch.due) < BATCH_MESSAGES:
                 return
 
-    def _bridge(self, source: Source) -> None:
+    def _show_while_seeking(self, source: Source) -> None:
         """Show the last frame and the goal, while seeking, to pages opened meanwhile."""
         last = source.look
         if last is not None and source.wanted and self._frames.tick(time.monotonic()):
             source.show({**last.frame, "replay": self.state.as_json()}, last.snapshot)
 
-    def _show(self, source: Source, *, anew: bool) -> None:
-        self._picture.show(source, anew=anew)
+    def _show(self, source: Source, *, restarts: bool) -> None:
+        self._picture.show(source, restarts=restarts)
         if source.wanted and self._frames.tick(time.monotonic()):
             at, snapshot = self._player.position, self.snapshot
             frame = frames.frame(

@@ -69,23 +69,23 @@ LABEL_DIRECTIONS = 24
 """Number of directions in which there may be room for a label."""
 
 
-class Look(NamedTuple):
+class LineStyle(NamedTuple):
     """Style of one robot's lines."""
 
     colour: Any
     dashes: Any = "-"
 
 
-def looks(followers: int) -> list[Look]:
+def line_styles(followers: int) -> list[LineStyle]:
     """Return the style of every follower, in the mission's order."""
     if followers <= len(PALETTE):
-        return [Look(*both) for both in zip(PALETTE, DASHES, strict=True)][:followers]
+        return [LineStyle(*both) for both in zip(PALETTE, DASHES, strict=True)][:followers]
     from matplotlib import colormaps  # noqa: PLC0415 - only needed for drawing
 
-    return [Look(tuple(colour)) for colour in colormaps["viridis"](np.linspace(0.0, 0.88, followers))]
+    return [LineStyle(tuple(colour)) for colour in colormaps["viridis"](np.linspace(0.0, 0.88, followers))]
 
 
-def short(names: Sequence[str]) -> list[str]:
+def short_names(names: Sequence[str]) -> list[str]:
     """Return names short enough for a label: their numbers, if they differ only in those."""
     parts = [re.fullmatch(r"(\D*)(\d+)", name) for name in names]
     if all(parts) and len({part[1] for part in parts if part}) == 1:
@@ -98,7 +98,7 @@ def graph(
     names: Sequence[str],
     edges: Iterable[tuple[int, int]],
     points: ComplexArray,
-    robots: Sequence[Look],
+    robots: Sequence[LineStyle],
 ) -> None:
     """Draw the sensing graph at `points` [m], relative to the leader, the first of `names`."""
     if not np.isfinite(points).all():
@@ -124,14 +124,14 @@ def graph(
                 ha=("left", "center", "right")[1 - round(out.real)], va="center", fontsize=7, zorder=4,
             )  # fmt: skip
     axes.set(xlabel="$x$ from the leader [m]", ylabel="$y$ from the leader [m]")
-    equal(axes, 0.2)
+    equal_scales(axes, 0.2)
 
 
 def draw_paths(
     axes: Axes,
     centres: ComplexArray,
     names: Sequence[str],
-    robots: Sequence[Look],
+    robots: Sequence[LineStyle],
     lines: ComplexArray,
 ) -> None:
     """Draw the centres' paths [m; world frame], shape (T, N), the leader's dotted; a number at each start.
@@ -140,22 +140,22 @@ def draw_paths(
     """
     many = len(names) > MANY_ROBOTS
     axes.plot(centres[:, 0].real, centres[:, 0].imag, color=INK, linewidth=0.9, linestyle=":")
-    for path, look in zip(centres.T[1:], robots, strict=True):
+    for path, style in zip(centres.T[1:], robots, strict=True):
         axes.plot(
-            path.real, path.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
+            path.real, path.imag, color=style.colour, linestyle=style.dashes, linewidth=0.8, rasterized=many
         )
     if not many:
         drawn = np.concatenate([centres[:: max(1, len(centres) // 500)].ravel(), lines])
-        _label_starts(axes, centres, names, [INK, *(look.colour for look in robots)], drawn)
+        _label_starts(axes, centres, names, [INK, *(style.colour for style in robots)], drawn)
     axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
-    equal(axes)
+    equal_scales(axes)
 
 
 def _label_starts(
     axes: Axes, centres: ComplexArray, names: Sequence[str], colours: Sequence[Any], drawn: ComplexArray
 ) -> None:
     drawn = drawn[np.isfinite(drawn)]
-    for path, name, colour in zip(centres.T, short(names), colours, strict=True):
+    for path, name, colour in zip(centres.T, short_names(names), colours, strict=True):
         known = path[np.isfinite(path)]
         if known.size:
             out = roomiest(complex(known[0]), drawn)
@@ -204,7 +204,7 @@ def snapshots(
     time: FloatArray,
     points: ComplexArray,
     edges: Iterable[tuple[int, int]],
-    robots: Sequence[Look],
+    robots: Sequence[LineStyle],
 ) -> None:
     """Draw the formation of control points [m; world frame] at M moments [s], side by side at one scale.
 
@@ -219,7 +219,7 @@ def snapshots(
         marks = number * apart + points[number] - 0.5 * (low[number] + high[number])
         for i, j in edges:
             axes.plot(marks[[i, j]].real, marks[[i, j]].imag, color=FAINT, linewidth=0.7, zorder=1.5)
-        colours = [INK, *(look.colour for look in robots)]
+        colours = [INK, *(style.colour for style in robots)]
         axes.scatter(marks.real, marks.imag, s=size**2, c=colours, linewidths=0.0, zorder=3)
         axes.annotate(
             moments([words]), (number * apart, -top), xytext=(0.0, -6.0), textcoords="offset points",
@@ -232,7 +232,7 @@ def snapshots(
                   fontsize=7)  # fmt: skip
 
 
-def things(axes: Axes, world: SimulationSpec) -> None:
+def draw_obstacles(axes: Axes, world: SimulationSpec) -> None:
     """Draw posts and walls of a simulated world."""
     from matplotlib.patches import Circle  # noqa: PLC0415
 
@@ -242,10 +242,10 @@ def things(axes: Axes, world: SimulationSpec) -> None:
         axes.plot(*zip(wall.begin, wall.end, strict=True), color=FAINT, linewidth=1.6)
 
 
-def apart(points: ComplexArray) -> NDArray[np.intp]:
-    """Return which formations to draw in one panel, of `points` [m] at M moments, shape (M, N).
+def separate_formations(points: ComplexArray) -> NDArray[np.intp]:
+    """Return the indices of the formations to draw in one panel, of `points` [m] at M moments, shape (M, N).
 
-    The first and the last; another one if its bounding box meets none that is drawn.
+    The first and the last, and others with bounding boxes that overlap none of those drawn.
     """
     low = points.real.min(axis=1) + 1j * points.imag.min(axis=1)
     high = points.real.max(axis=1) + 1j * points.imag.max(axis=1)
@@ -270,11 +270,11 @@ def limits(axes: Axes, values: FloatArray) -> None:
     axes.set_ylim(-1.12 * values.max(), 1.12 * values.max())
 
 
-def falling(axes: Axes, least: float, most: float) -> None:
-    """Set a logarithmic scale for an error [m] from `most` down to `least`, within bounds."""
+def log_error_scale(axes: Axes, least: float, greatest: float) -> None:
+    """Set a logarithmic scale for an error from `least` to `greatest` [m], over six decades at most."""
     axes.set_yscale("log")
-    if 0.0 < most < np.inf:
-        axes.set_ylim(max(least, 1e-6 * most, 1e-5) / 2.0, 2.0 * most)
+    if 0.0 < greatest < np.inf:
+        axes.set_ylim(max(least, 1e-6 * greatest, 1e-5) / 2.0, 2.0 * greatest)
 
 
 def span(time: FloatArray, error: FloatArray) -> float:
@@ -299,7 +299,7 @@ def formed_at(time: FloatArray, error: FloatArray) -> float:
     return float(time[big[-1]] if big.size else time[0])
 
 
-def equal(axes: Axes, margin: float = 0.08) -> None:
+def equal_scales(axes: Axes, margin: float = 0.08) -> None:
     """Set equal scales in x and y, with room for marks and words at the border."""
     axes.set_aspect("equal", adjustable="datalim")
     box = axes.dataLim
@@ -309,14 +309,14 @@ def equal(axes: Axes, margin: float = 0.08) -> None:
     axes.autoscale_view()
 
 
-def unjoined(angles: FloatArray) -> FloatArray:
+def without_wraps(angles: FloatArray) -> FloatArray:
     """Return angles with a gap where they wrap around, so that no line is drawn across."""
     apart = angles.copy()
     apart[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
     return apart
 
 
-def legend(names: Sequence[str], robots: Sequence[Look], *, chatter: bool = False) -> list[Any]:
+def legend(names: Sequence[str], robots: Sequence[LineStyle], *, chatter: bool = False) -> list[Any]:
     """Return legend handles of the leader and the followers; of many, a few. And of the band of `chatter`."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
@@ -363,17 +363,17 @@ def _panels(figure: Figure, history: History, shown: Any) -> None:
     angles, errors, speeds, turn_rates = (
         figure.add_subplot(grid[row, column]) for row in (2, 3) for column in (0, 1)
     )
-    robots, time = looks(len(history.names) - 1), history.time[shown]
+    robots, time = line_styles(len(history.names) - 1), history.time[shown]
     graph(layout, history.names, history.edges, history.points[-1] - history.points[-1, 0], robots)
     layout.set(title="(a) Measurement graph")
     _formation(tracks, side_by_side, history, shown)
-    chatter = over_time(angles, time, np.rad2deg(unjoined(history.heading_error[shown])), robots)
+    chatter = over_time(angles, time, np.rad2deg(without_wraps(history.heading_error[shown])), robots)
     angles.set(title="(c) Heading errors", ylabel="estimate less truth [°]", ylim=(-190.0, 190.0))
     angles.set_yticks([-180, -90, 0, 90, 180])
     positive = np.where(history.error[shown] > 0.0, history.error[shown], np.nan)
     errors.plot(time, positive, color="black")
     if (finite := positive[np.isfinite(positive)]).size:
-        falling(errors, float(finite.min()), float(finite.max()))
+        log_error_scale(errors, float(finite.min()), float(finite.max()))
     errors.set(title="(d) Formation error", ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]")
     chatter |= over_time(speeds, time, history.speed[shown], robots)
     limits(speeds, history.max_speed)
@@ -395,7 +395,7 @@ def _panels(figure: Figure, history: History, shown: Any) -> None:
 
 def _formation(tracks: Axes, side_by_side: Axes, history: History, shown: Any) -> None:
     """Draw paths with the first and the last formation; and the formation while it forms, side by side."""
-    time, points, robots = history.time[shown], history.points[shown], looks(len(history.names) - 1)
+    time, points, robots = history.time[shown], history.points[shown], line_styles(len(history.names) - 1)
     ends = points[[0, -1]]
     lines = np.concatenate([along_edges(end, history.edges) for end in ends])
     draw_paths(tracks, history.position[shown], history.names, robots, lines)
@@ -409,37 +409,37 @@ def _formation(tracks: Axes, side_by_side: Axes, history: History, shown: Any) -
     side_by_side.set_title("The formation while it forms, side by side; leader black")
 
 
-def over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[Look]) -> bool:
+def over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[LineStyle]) -> bool:
     """Draw a `calm_line` for each robot, of `values` at each `time` [s], shape (T, F).
 
     Returns whether one chatters.
     """
     finite = values[np.isfinite(values)]
-    most = float(np.ptp(finite)) if finite.size else 0.0
+    extent = float(np.ptp(finite)) if finite.size else 0.0
     chatter = [
-        calm_line(axes, time, column, most, look) for column, look in zip(values.T, robots, strict=True)
+        calm_line(axes, time, column, extent, style) for column, style in zip(values.T, robots, strict=True)
     ]
     return any(chatter)
 
 
 def calm_line(
-    axes: Axes, time: FloatArray, values: FloatArray, most: float, look: Look, **style: Any
+    axes: Axes, time: FloatArray, values: FloatArray, extent: float, style: LineStyle, **options: Any
 ) -> bool:
-    """Draw one line of `values` at each `time` [s], in a panel that shows values of a range of `most`.
+    """Draw one line of `values` at each `time` [s], in a panel with values in a range of `extent`.
 
     Where it chatters, its running mean is drawn, and from its least to its greatest value a light band.
     Returns whether it does.
     """
-    line, low, high = calmed(time, values, CHATTER_SHARE * most)
-    axes.plot(time, line, color=look.colour, linestyle=look.dashes, **style)
+    line, low, high = smoothed(time, values, CHATTER_SHARE * extent)
+    axes.plot(time, line, color=style.colour, linestyle=style.dashes, **options)
     chatter = bool(np.isfinite(low).any())
     if chatter:
-        axes.fill_between(time, low, high, color=look.colour, alpha=0.2, linewidth=0.0, zorder=1.5)
+        axes.fill_between(time, low, high, color=style.colour, alpha=0.2, linewidth=0.0, zorder=1.5)
     return chatter
 
 
-def calmed(time: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a line with its running mean where it chatters by more than `least`; there its band, else NaN.
+def smoothed(time: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a line, with its running mean where it chatters by more than `least`; there its band, else NaN.
 
     All have the shape (T,). The mean is weighted: equal weights would let alternating values through.
     """

@@ -167,7 +167,7 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _legend(figure: Figure, run: Run, columns: int, *, limits: bool = True) -> None:
-    handles = drawing.legend(run.mission.names, drawing.looks(len(run.mission.followers)))
+    handles = drawing.legend(run.mission.names, drawing.line_styles(len(run.mission.followers)))
     handles = handles if limits else handles[:-1]
     figure.legend(
         handles=handles,

@@ -141,7 +141,7 @@ class _Gatherer:
         self._offsets = np.array(
             [0.0, *(mission.robots[name].control_point_offset for name in mission.followers)]
         )
-        self._same = 0.5 / max(mission.robots[name].rate for name in mission.followers)
+        self._moment_tolerance = 0.5 / max(mission.robots[name].rate for name in mission.followers)
         self._begin = math.nan
         self._end = Now(0.0, 0.0)
         self._looked = self._shown = -math.inf
@@ -173,7 +173,7 @@ class _Gatherer:
         if snapshot.settled_at is None:
             self._restart()
         count = len(self._mission.names)
-        time, rows = self._paths.taken(start)
+        time, rows = self._paths.rows(start)
         rejected = self._rerun.metrics.rejections.by_key
         return Run(
             recording=recording,
@@ -220,8 +220,8 @@ class _Gatherer:
         moment = (compared if placed else now.wall) - (now.wall - now.mono)
         if moment <= self._shown:
             return  # no new positions since the last look
-        of = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
-        same = snapshot.formation_error is not None and abs(of - compared) < self._same
+        true_moment = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
+        same = snapshot.formation_error is not None and abs(true_moment - compared) < self._moment_tolerance
         true_error = snapshot.formation_error_true if same else None
         self._error.add(snapshot.formation_error)
         self._true_error.add(true_error)

@@ -30,12 +30,12 @@ MAX_DIFFERENCES = 12
 """Number of differences of two missions that are listed."""
 CAPTIONS = {
     "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
-    "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
+    "trajectories": "Paths of the axle centres, the leader's dotted; the formation at four moments.",
     "heading_errors": "Estimated less true heading of each follower.",
     "formation_error": "Sum over all edges of |z_ij − z*_ij|, with the mission's bound.",
-    "forward_speeds": "Commanded forward speeds and their limits (dashed); how fast the leader was, dotted.",
+    "forward_speeds": "Commanded forward speeds and their limits (dashed); the leader's speed, dotted.",
     "turn_rates": "Commanded turn rates and their limits (dashed).",
-    "robot_errors": "What each follower contributes to the formation error.",
+    "robot_errors": "Each follower's part of the formation error.",
 }
 COLOURS = {
     "#000000": "var(--ink)",

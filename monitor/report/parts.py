@@ -68,8 +68,8 @@ def _error_range(runs: Sequence[Run], until: float) -> tuple[float, float]:
 
 def _heading_range(runs: Sequence[Run], until: float) -> float:
     values = np.concatenate([np.zeros(1), *(np.abs(run.headings.until(until)).ravel() for run in runs)])
-    most = values[np.isfinite(values)].max()
-    return next((angle for angle in ANGLES if np.rad2deg(most) <= angle), ANGLES[-1])
+    greatest = values[np.isfinite(values)].max()
+    return next((angle for angle in ANGLES if np.rad2deg(greatest) <= angle), ANGLES[-1])
 
 
 def _box(runs: Sequence[Run], until: float) -> tuple[complex, complex] | None:
@@ -102,7 +102,7 @@ def graph(axes: Axes, run: Run, _view: View) -> None:
     """(a) Draw the sensing graph at the slots."""
     mission = run.mission
     points = np.array(run.snapshot.placed_shape.slots(mission), dtype=np.complex128)
-    drawing.graph(axes, mission.names, edges(run), points, drawing.looks(len(mission.followers)))
+    drawing.graph(axes, mission.names, edges(run), points, drawing.line_styles(len(mission.followers)))
 
 
 def trajectories(axes: Axes, run: Run, view: View) -> None:
@@ -114,14 +114,14 @@ def trajectories(axes: Axes, run: Run, view: View) -> None:
         return
     time, points = paths.time[shown], paths.points[shown]
     moments = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], 4)).clip(0, len(time) - 1))
-    moments = moments[drawing.apart(points[moments])]
+    moments = moments[drawing.separate_formations(points[moments])]
     lines = np.concatenate([drawing.along_edges(points[moment], edges(run)) for moment in moments])
     drawing.draw_paths(
-        axes, paths.centres[shown], mission.names, drawing.looks(len(mission.followers)), lines
+        axes, paths.centres[shown], mission.names, drawing.line_styles(len(mission.followers)), lines
     )
     drawing.formations(axes, points[moments], edges(run))
     if run.truth:  # in the field [simulation] is about another world
-        drawing.things(axes, mission.simulation)
+        drawing.draw_obstacles(axes, mission.simulation)
     axes.set_title(f"{axes.get_title(loc='left')}; formation at {drawing.moments(time[moments])}", loc="left")
     if view.box is not None:
         low, high = view.box
@@ -138,7 +138,7 @@ def headings(axes: Axes, run: Run, view: View) -> None:
 
     def degrees(i: int) -> tuple[FloatArray, FloatArray]:
         time, angles = run.headings.line(i)
-        return time, np.rad2deg(drawing.unjoined(angles))
+        return time, np.rad2deg(drawing.without_wraps(angles))
 
     _lines(axes, run, degrees, view)
     axes.set_ylim(-1.06 * view.heading, 1.06 * view.heading)
@@ -156,7 +156,7 @@ def error(axes: Axes, run: Run, view: View) -> None:
     time, values = _positive(*run.formation.line(1))
     if np.isfinite(values).any():
         axes.plot(time, values, color="#D55E00", linewidth=0.8, linestyle=(0, (3, 2)), label="in truth")
-    drawing.falling(axes, *view.error)
+    drawing.log_error_scale(axes, *view.error)
     bound, settled = run.mission.settled, run.snapshot.settled_at
     axes.axhline(bound, color=FAINT, linewidth=0.8, linestyle=":")
     if settled is not None:
@@ -179,7 +179,7 @@ def robot_errors(axes: Axes, run: Run, view: View) -> None:
         _unknown(axes, "never known")
         return
     _lines(axes, run, lambda i: _positive(*run.errors.line(i)), view)
-    drawing.falling(axes, view.error[0] / (2.0 * len(run.robots)), view.error[1])
+    drawing.log_error_scale(axes, view.error[0] / (2.0 * len(run.robots)), view.error[1])
 
 
 def speeds(axes: Axes, run: Run, view: View) -> None:
@@ -213,11 +213,11 @@ PANELS = (
 def overlaid(axes: Axes, runs: Mapping[str, Run], view: View) -> None:
     """Draw the formation errors of several runs, by label."""
     axes.set(ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]", xlabel="time [s]", xlim=(0.0, view.until))
-    for (name, run), look in zip(runs.items(), drawing.looks(len(runs)), strict=True):
+    for (name, run), style in zip(runs.items(), drawing.line_styles(len(runs)), strict=True):
         if run.known:
             time, values = _positive(*run.formation.line(0))
-            axes.plot(time, values, color=look.colour, linestyle=look.dashes, linewidth=1.3, label=name)
-    drawing.falling(axes, *view.error)
+            axes.plot(time, values, color=style.colour, linestyle=style.dashes, linewidth=1.3, label=name)
+    drawing.log_error_scale(axes, *view.error)
     for bound in sorted({run.mission.settled for run in runs.values()}):
         axes.axhline(bound, color=FAINT, linewidth=0.8, linestyle=":", label=f"bound {words.bound(bound)}")
 
@@ -245,19 +245,18 @@ def _lines(
     run: Run,
     line: Callable[[int], tuple[FloatArray, FloatArray]],
     view: View,
-    most: float = np.inf,
+    extent: float = np.inf,
 ) -> None:
     """Draw one line for each follower, up to the end of the view.
 
-    With `most`, the range of the panel's values, lines that chatter are calmed.
+    With `extent`, the range of the panel's values, lines that chatter are smoothed.
     """
     count = len(run.mission.followers)
-    for i, look in enumerate(drawing.looks(count)):
+    for i, style in enumerate(drawing.line_styles(count)):
         time, values = line(i)
         shown = (time >= -1.0) & (time <= view.until + 1.0)
-        drawing.calm_line(
-            axes, time[shown], values[shown], most, look, linewidth=0.9, rasterized=count > MANY_ROBOTS
-        )
+        many = count > MANY_ROBOTS
+        drawing.calm_line(axes, time[shown], values[shown], extent, style, linewidth=0.9, rasterized=many)
 
 
 def _unknown(axes: Axes, why: str) -> None:

@@ -57,10 +57,10 @@ class Story:
         self.unlisted = 0
         """Number of events not kept."""
         self.clock_steps: list[ClockStep] = []
-        self.apart = math.nan
+        self.elapsed_excess = math.nan
         """Excess of the monitor's own elapsed time since it was first published [s]; NaN before that."""
         self._ahead = 0.0  # system clock before what it would be, had it not been set [s]
-        self._first_apart = math.nan
+        self._first_excess = math.nan
 
     def process_message(self, message: Recorded, start: float | None) -> None:
         """Take an event, or compare the monitor's own elapsed time with that since `start` [s].
@@ -83,10 +83,10 @@ class Story:
         self._ahead = ahead
 
     def _compare(self, diagnostics: Diagnostics, elapsed: float) -> None:
-        apart = float(diagnostics.statuses[0].values["elapsed"]) - elapsed
-        if math.isnan(self._first_apart):
-            self._first_apart = apart
-        self.apart = apart - self._first_apart
+        excess = float(diagnostics.statuses[0].values["elapsed"]) - elapsed
+        if math.isnan(self._first_excess):
+            self._first_excess = excess
+        self.elapsed_excess = excess - self._first_excess
 
     def _add(self, event: Event) -> None:
         if len(self.events) < MAX_EVENTS:

@@ -57,9 +57,9 @@ def items(run: Run) -> Iterator[Item]:
         worst = max(known, default=None)
         name = f"{('speed', 'turn')[index]}_saturated"
         yield Item(name, f"commands at the limit of {what}, worst robot", worst, words.share)
-    delays = [late for late in run.answers.values() if late.median is not None]
-    median = max((late.median or 0.0 for late in delays), default=None)
-    p99 = max((late.p99 or 0.0 for late in delays), default=None)
+    delays = [answer for answer in run.answers.values() if answer.median is not None]
+    median = max((answer.median or 0.0 for answer in delays), default=None)
+    p99 = max((answer.p99 or 0.0 for answer in delays), default=None)
     yield Item("answer_median", "odometry → command, median, slowest robot", median, words.milliseconds)
     yield Item("answer_p99", "odometry → command, p99, slowest robot", p99, words.milliseconds)
     gaps = [key.gap for key in run.keys if key.topic == "position" and key.gap is not None]
@@ -103,7 +103,7 @@ def verdict(run: Run) -> str:
     if not run.known:
         return "The formation error was never known: positions of some robot are missing."
     if run.snapshot.final_error is None:
-        return _of_known(run, bound)
+        return _known_verdict(run, bound)
     if run.snapshot.settled_at is None:
         why = f"the formation error was not under {bound} at the end"
         return f"Not settled: {why if run.snapshot.formed else IN_TRANSITION}."
@@ -113,7 +113,7 @@ def verdict(run: Run) -> str:
     return f"Just settled: {since}; converged means under it for at least {DWELL_TIME:g} s."
 
 
-def _of_known(run: Run, bound: str) -> str:
+def _known_verdict(run: Run, bound: str) -> str:
     """Return the result if not all edges are known at the end."""
     known = run.snapshot.known_verdict
     if known.final is None:
@@ -132,8 +132,8 @@ def notices(run: Run) -> Iterator[str]:
     """Yield the notices to read before the metrics."""
     if run.condition.words:
         yield (
-            f"This recording is {run.condition.words}. What can be read of it spans"
-            f" {words.lasting(run.duration)}; what a gap in it lacks counts as missed."
+            f"This recording is {run.condition.words}. Its readable part spans"
+            f" {words.lasting(run.duration)}; messages lost in gaps count as missed."
         )
     if not run.messages:
         return
@@ -165,10 +165,10 @@ def _clock_notices(run: Run) -> Iterator[str]:
     steps = [f"by {one.step:+.3f} s at {words.seconds(one.at - run.start)}" for one in run.story.clock_steps]
     if steps:
         yield f"The recorder's system clock was set {_listed(steps)}: times here are as if it had not been."
-    if abs(run.story.apart) > MIN_CLOCK_DIFFERENCE:
+    if abs(run.story.elapsed_excess) > MIN_CLOCK_DIFFERENCE:
         yield (
             "The recorder's system clock was set during the run: times here are off by up to"
-            f" {words.milliseconds(abs(run.story.apart))}."
+            f" {words.milliseconds(abs(run.story.elapsed_excess))}."
         )
 
 

@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from formation.monitor.metrics.events import described
+from formation.monitor.metrics.events import wish_in_words
 from formation.monitor.metrics.words import CORRECTION_SHOWN
 from formation.monitor.report import words
 from formation.monitor.report.gather import Run
@@ -30,7 +30,7 @@ TERMS = (
         "counts from the first moment with a known error, or the newest order of another shape or route.",
     ),
     ("at its limit", "share of commands with u, or ω, at 99.5 % of the robot's limit or more."),
-    ("heading error", "estimated less true heading; the truth only simulated robots tell."),
+    ("heading error", "estimated less true heading; known only of simulated robots."),
 )
 """Explanations of the words in the tables."""
 CLOCKS = (
@@ -38,8 +38,8 @@ CLOCKS = (
     " machines it contains the difference of their clocks, and may even be negative."
 )
 ANSWERS = (
-    "From the stamp of a position (odometry, or external pose) to the arrival of the command that answers"
-    " it, as recorded: the way to the agent, its thinking, and the way to the recorder. Clocks"
+    "From the stamp of a position (odometry, or external pose) to the arrival of the command computed from"
+    " it, as recorded: transmission to the agent, computation, and transmission to the recorder. Clocks"
     " as above."
 )
 ORDERS = "With another shape or route settling begins again: the settling time counts from the newest."
@@ -48,10 +48,10 @@ LEADERS = (
     " judged by the leaders' own stamps."
 )
 ACTIVITIES = (
-    "By their own words, as received by the monitor. Lost: silent for a second. Unavailable: it did"
+    "By their statuses, as received by the monitor. Lost: silent for a second. Unavailable: it did"
     " not follow, and the robots that measure it continued without it. Avoiding: the collision filter"
-    " turned or slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was"
-    " kept from moving, and went another way for a while. Without sight: it had to see its neighbours,"
+    " turned or slowed it, or its protective zone slowed it. Blocked: that zone stopped it. Deadlocks: it"
+    " could not move, and took another way for a while. Without sight: it had to see its neighbours,"
     " and did not. Odometry off by: the largest correction by its scans."
 )
 
@@ -196,7 +196,7 @@ def orders(run: Run) -> Table:
     several = len({order.leads for order in run.story.orders}) > 1
     heads = ("time", "mode", "shape", "leader") if several else ("time", "mode", "shape")
     rows = [
-        (words.seconds(one.at - run.start), one.mode, described(one.wish), one.leads or "unknown")[
+        (words.seconds(one.at - run.start), one.mode, wish_in_words(one.wish), one.leads or "unknown")[
             : len(heads)
         ]
         for one in run.story.orders
@@ -245,8 +245,8 @@ def activities(run: Run) -> Table:
         seen = blind, drift
         rows.append((name, *lasting, unavailable, avoiding, blocked, deadlocks, fallback, *seen, starts))
     filled = [n for n in range(len(heads)) if any(row[n] for row in rows)]
-    short = [tuple(row[n] for n in filled) for row in (heads, *rows)]
-    return Table("What robots did", short[0], short[1:], ACTIVITIES)
+    shown = [tuple(row[n] for n in filled) for row in (heads, *rows)]
+    return Table("What robots did", shown[0], shown[1:], ACTIVITIES)
 
 
 def events(run: Run) -> Table:

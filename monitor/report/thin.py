@@ -60,11 +60,11 @@ class _Rows:
     merges: tuple[Merge, ...]
     dtype: type
 
-    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        self._most, self._head = most, head
+    def __init__(self, columns: int, max_rows: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
+        self._max_rows, self._head = max_rows, head
         self._count, self._stride, self._pending = 0, 1, 0
-        self._time = np.empty(most)
-        self._rows: list[Any] = [np.empty((most, columns), self.dtype) for _ in self.merges]
+        self._time = np.empty(max_rows)
+        self._rows: list[Any] = [np.empty((max_rows, columns), self.dtype) for _ in self.merges]
 
     def add(self, time: float, values: Any) -> None:
         """Take one row [time in s]; NaN for unknown values."""
@@ -73,7 +73,7 @@ class _Rows:
             for rows, merge in zip(self._rows, self.merges, strict=True):
                 rows[self._count - 1] = merge(rows[self._count - 1], values)
             return
-        if self._count == self._most:
+        if self._count == self._max_rows:
             self._halve()
         self._time[self._count] = time
         for rows in self._rows:
@@ -83,7 +83,7 @@ class _Rows:
 
     def _halve(self) -> None:
         """Merge each two rows after the head."""
-        pairs = (self._most - self._head) // 2
+        pairs = (self._max_rows - self._head) // 2
         into, first = slice(self._head, self._head + pairs), slice(self._head, self._head + 2 * pairs, 2)
         second = slice(self._head + 1, self._head + 2 * pairs, 2)
         self._time[into] = self._time[first]
@@ -109,7 +109,7 @@ class Samples(_Rows):
 
     merges, dtype = (lambda first, _second: first,), np.complex128
 
-    def taken(self, start: float) -> tuple[FloatArray, Any]:
+    def rows(self, start: float) -> tuple[FloatArray, Any]:
         """Return the times since `start` [s], and the rows."""
         return self._time[: self._count] - start, self._rows[0][: self._count].copy()
 
@@ -117,22 +117,22 @@ class Samples(_Rows):
 class Quantiles:
     """Distribution of a quantity: percentiles of evenly drawn values, and the true maximum."""
 
-    def __init__(self, drawn: int = MAX_SAMPLED_VALUES) -> None:
+    def __init__(self, max_values: int = MAX_SAMPLED_VALUES) -> None:
         self.count = 0
-        self.most = -math.inf
-        self._drawn, self._stride = drawn, 1
+        self.maximum = -math.inf
+        self._max_values, self._stride = max_values, 1
         self._values = array("d")
 
     def add(self, value: float) -> None:
         """Take one finite value."""
         if self.count % self._stride == 0:
-            if len(self._values) == self._drawn:
+            if len(self._values) == self._max_values:
                 self._values = self._values[::2]
                 self._stride *= 2
             if self.count % self._stride == 0:
                 self._values.append(value)
         self.count += 1
-        self.most = max(self.most, value)
+        self.maximum = max(self.maximum, value)
 
     def percentile(self, share: float) -> float | None:
         """Return the value that `share` (0 to 1) of all do not exceed; None without any."""

@@ -109,8 +109,8 @@ class Delays:
     @classmethod
     def of(cls, quantiles: Quantiles) -> Delays:
         """Return the distribution of `quantiles`; the maximum is over every value."""
-        most = quantiles.most if quantiles.count else None
-        return cls(quantiles.count, quantiles.percentile(0.5), quantiles.percentile(0.99), most)
+        maximum = quantiles.maximum if quantiles.count else None
+        return cls(quantiles.count, quantiles.percentile(0.5), quantiles.percentile(0.99), maximum)
 
 
 class Latencies:

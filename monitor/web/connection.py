@@ -46,7 +46,7 @@ class Rank(IntEnum):
 class Connection(H11Protocol):
     """Uvicorn's connection, with limits."""
 
-    _look: asyncio.TimerHandle | None = None
+    _timer: asyncio.TimerHandle | None = None
     _waited = False
     since = 0.0
     """When it was made [s, loop's clock]."""
@@ -62,13 +62,13 @@ class Connection(H11Protocol):
         self.since = self.loop.time()
         self._make_room()
         if not self.gone:
-            self._look = self.loop.call_later(REQUEST_TIMEOUT_SECONDS, self._hurry)
+            self._timer = self.loop.call_later(REQUEST_TIMEOUT_SECONDS, self._drop_if_idle)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Handle the end of the connection."""
         self.gone = True
-        if self._look is not None:
-            self._look.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
@@ -99,18 +99,18 @@ class Connection(H11Protocol):
 
     def _make_room(self) -> None:
         """Keep within the limits, by dropping another connection, or this one if no other may be dropped."""
-        there = [one for one in self.connections if isinstance(one, Connection) and not one.gone]
-        many = Counter(one.address for one in there)
-        if many[self.address] > MAX_PER_ADDRESS:
-            there = [one for one in there if one.address == self.address]
-        elif len(there) <= MAX_CONNECTIONS:
+        open_connections = [one for one in self.connections if isinstance(one, Connection) and not one.gone]
+        counts = Counter(one.address for one in open_connections)
+        if counts[self.address] > MAX_PER_ADDRESS:
+            open_connections = [one for one in open_connections if one.address == self.address]
+        elif len(open_connections) <= MAX_CONNECTIONS:
             return
-        others = [one for one in there if one is not self and one.rank is not Rank.OPERATOR]
+        others = [one for one in open_connections if one is not self and one.rank is not Rank.OPERATOR]
         # drop from the address with the most connections the lowest rank, then the oldest
-        victim = min(others, key=lambda one: (-many[one.address], one.rank, one.since), default=self)
+        victim = min(others, key=lambda one: (-counts[one.address], one.rank, one.since), default=self)
         victim.drop()
 
-    def _hurry(self) -> None:
+    def _drop_if_idle(self) -> None:
         request: RequestResponseCycle | None = getattr(self, "cycle", None)  # None before the first one
         answered = request is None or request.response_complete
         waits = answered and self.timeout_keep_alive_task is None
@@ -118,4 +118,4 @@ class Connection(H11Protocol):
             self.drop()
             return
         self._waited = waits
-        self._look = self.loop.call_later(REQUEST_TIMEOUT_SECONDS, self._hurry)
+        self._timer = self.loop.call_later(REQUEST_TIMEOUT_SECONDS, self._drop_if_idle)

@@ -62,15 +62,15 @@ class Overruled(ValueError):  # noqa: N818 - the order is valid, but comes at th
 
 
 @dataclass(eq=False)
-class Given:
+class GivenOrder:
     """An accepted order."""
 
     request: OperatorRequest
     at: float
     """When it was given [s, monotonic]."""
-    going: bool = True
+    sending: bool = True
     """Whether it is still being sent."""
-    over: bool = False
+    overruled: bool = False
     """Whether it must not be sent any more because a newer one counts."""
     report: Future[dict[str, Any]] = field(default_factory=Future)
     """Its result."""
@@ -89,13 +89,13 @@ class Precedence:
     """The orders of one operator, from any number of pages."""
 
     def __init__(self) -> None:
-        self._given: list[Given] = []  # orders still being sent, and the newest
+        self._given: list[GivenOrder] = []  # orders still being sent, and the newest
         self._rested = -math.inf  # when a stop or a hold was given, or sent, last
-        self._clicks: OrderedDict[str, Given] = OrderedDict()
+        self._clicks: OrderedDict[str, GivenOrder] = OrderedDict()
 
-    def give(
+    def accept(
         self, request: OperatorRequest, now: float, *, click: str = "", behind: float | None = None
-    ) -> tuple[Given, bool]:
+    ) -> tuple[GivenOrder, bool]:
         """Return the accepted order, and whether it is new or an earlier one. Raises Overruled.
 
         `click` is the page's own id of the click, so that one sent twice is recognised; `behind` is the age
@@ -108,7 +108,7 @@ class Precedence:
             return known, False
         if request.do not in RESTS:
             self.check(request.do, now, behind)
-        given = Given(request, now)
+        given = GivenOrder(request, now)
         self._overrule(given)
         if request.do in RESTS:
             self._rested = now
@@ -118,27 +118,27 @@ class Precedence:
                 self._clicks.popitem(last=False)
         return given, True
 
-    def end(self, given: Given, now: float) -> None:
+    def end(self, given: GivenOrder, now: float) -> None:
         """Record that an order is no longer sent, from `now` [s, monotonic] on."""
-        given.going = False
+        given.sending = False
         if given.request.do in RESTS:
             self._rested = now
 
     def close(self) -> None:
         """End all sending."""
         for one in self._given:
-            one.over = True
+            one.overruled = True
 
     def check(self, wanted: Do, now: float, behind: float | None = None) -> None:
         """Refuse an order that may start robots if its page does not show their present state.
 
-        `now` [s, monotonic] and `behind` are those of `give`. Raises Overruled.
+        `now` [s, monotonic] and `behind` are those of `accept`. Raises Overruled.
         """
         if behind is not None and behind > MAX_SHOWN_AGE:
             ago = f"{behind:.0f} s ago" if behind < LONG_AGO_AGE else "long ago"
             raise Overruled(f"{wanted}: this page shows what was {ago}; reload it first")
         for one in self._given:
-            if one.going and (rest := one.request.do) in RESTS:
+            if one.sending and (rest := one.request.do) in RESTS:
                 raise Overruled(
                     f"{wanted}: a {rest} is being given, and not every robot has answered yet; wait for that"
                 )
@@ -147,11 +147,11 @@ class Precedence:
                 f"{wanted}: a stop or a hold was given just now; see the robots' states, then order again"
             )
 
-    def _overrule(self, given: Given) -> None:
+    def _overrule(self, given: GivenOrder) -> None:
         """End all older orders except stops; `check` refuses those that must not end a hold."""
         for one in self._given:
-            one.over = one.over or one.request.do != "stop"
-        self._given = [one for one in self._given if one.going and not one.over]
+            one.overruled = one.overruled or one.request.do != "stop"
+        self._given = [one for one in self._given if one.sending and not one.overruled]
         self._given.append(given)
 
 
@@ -190,7 +190,7 @@ def on_the_bus(
         raise BusError(str(error).replace("--config", flag)) from None
 
 
-class Line(Protocol):
+class QuestionBus(Protocol):
     """The bus for questions: `formation.transport.bus.Bus`."""
 
     def question(self, key: str, payload: bytes, timeout: float) -> asking.Question:
@@ -203,14 +203,16 @@ class Line(Protocol):
 class Operator:
     """Give orders. Methods may be called from any thread."""
 
-    def __init__(self, mission: Mission, line: Line, note: Callable[[Event], None], why: str = "") -> None:
+    def __init__(
+        self, mission: Mission, bus: QuestionBus, note: Callable[[Event], None], why: str = ""
+    ) -> None:
         """`note` gets the orders and their results, on the thread that gave them.
 
         `why` is the likely cause if a robot does not answer.
         """
         self.token = secrets.token_urlsafe(32)
         """Token that permits giving orders; new at every start."""
-        self._mission, self._line, self._note, self._why = mission, line, note, why
+        self._mission, self._bus, self._note, self._why = mission, bus, note, why
         self._precedence = Precedence()
         self._lock = Lock()  # held while a question is sent, but never while waiting for answers
 
@@ -225,7 +227,7 @@ class Operator:
         request = intent.request_for(self._mission, do, **what)
         behind = None if seen is None else max(time.time() - seen, 0.0)
         with self._lock:
-            given, new = self._precedence.give(request, time.monotonic(), click=click, behind=behind)
+            given, new = self._precedence.accept(request, time.monotonic(), click=click, behind=behind)
         if new:
             self._give(given)
         return given.report.result()
@@ -240,12 +242,12 @@ class Operator:
         if forward or turn:
             with self._lock:
                 self._precedence.check("drive", time.monotonic())
-        most = first_limits(self._mission)
+        limits = first_limits(self._mission)
         try:
             request = OperatorRequest(
                 do="drive",
-                forward=clip(forward, 1.0) * most.speed,
-                turn_rate=clip(turn, 1.0) * most.turn_rate,
+                forward=clip(forward, 1.0) * limits.speed,
+                turn_rate=clip(turn, 1.0) * limits.turn_rate,
                 token=token,
                 id=driver,
                 mission=self._mission.tag,
@@ -263,19 +265,19 @@ class Operator:
 
     def _question(self, key: str, payload: bytes, timeout: float) -> asking.Question:
         with self._lock:
-            return self._line.question(key, payload, timeout)
+            return self._bus.question(key, payload, timeout)
 
     def close(self) -> None:
         """Stop giving orders, and close the bus."""
         with self._lock:
             self._precedence.close()
-            self._line.close()
+            self._bus.close()
 
-    def _give(self, given: Given) -> None:
-        recipients, put = asking.addressed(self._mission, given.request.do), partial(self._put, given)
+    def _give(self, given: GivenOrder) -> None:
+        recipients, put = asking.addressed(self._mission, given.request.do), partial(self._send, given)
         try:
             outcome = asking.give(
-                put, recipients, given.request, ANSWER_TIMEOUT_SECONDS, over=lambda: given.over
+                put, recipients, given.request, ANSWER_TIMEOUT_SECONDS, over=lambda: given.overruled
             )
             self._note(_event(time.time(), given, outcome))
             report = outcome.report()
@@ -288,26 +290,26 @@ class Operator:
             with self._lock:
                 self._precedence.end(given, time.monotonic())
 
-    def _put(self, given: Given, key: str, payload: bytes, timeout: float) -> asking.Question:
+    def _send(self, given: GivenOrder, key: str, payload: bytes, timeout: float) -> asking.Question:
         """Send the question unless overruled: nothing older may be sent after a newer order."""
         with self._lock:
-            return NOT_PUT if given.over else self._line.question(key, payload, timeout)
+            return NOT_SENT if given.overruled else self._bus.question(key, payload, timeout)
 
 
-class NotPut:
+class NotSent:
     """A question that was not sent."""
 
     replies: Sequence[Reply] = ()
     over = True
 
 
-NOT_PUT = NotPut()
+NOT_SENT = NotSent()
 
 
-def _event(at: float, given: Given, outcome: Outcome) -> Event:
+def _event(at: float, given: GivenOrder, outcome: Outcome) -> Event:
     text = outcome.summary()
     for name in outcome.refused:
         text += f"; {name} refuses: {outcome.answers[name].reply.reason}"
-    if given.over:
+    if given.overruled:
         text += "; overruled by the next order"
     return Event(at, INFO if outcome.obeyed else WARNING, "", "operator", text)

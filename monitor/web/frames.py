@@ -96,40 +96,41 @@ def frame(
 
     `recording` has path, bytes, seconds and failure; `replay` has t, start, end, speed and paused.
     """
-    seen = snapshot or metrics.snapshot(now)
+    snapshot = snapshot or metrics.snapshot(now)
     moment, placed = metrics.placed(now)
     truly = metrics.placed(now, truly=True)[1]
     leader, slots = placed.get(mission.leader), metrics.orders.slots(moment)
     rows = []
     for name in mission.names:
         slot = None if leader is None else leader.point + slots[name]
-        well = health(name, seen.robots[name], mission.robots[name], contested=name in seen.contested)
+        robot, contested = snapshot.robots[name], name in snapshot.contested
         places = placed.get(name), truly.get(name)
-        rows.append(_row(name, seen.robots[name], _offset(mission, name), places, slot, well))
+        fitness = health(name, robot, mission.robots[name], contested=contested)
+        rows.append(_row(name, robot, _offset(mission, name), places, slot, fitness))
     return {
         "t": rounded(now.wall),
-        "elapsed": rounded(seen.elapsed),
-        "error": rounded(seen.formation_error, ERROR_DECIMALS),
-        **_known(seen),
-        "true": rounded(seen.formation_error_true, ERROR_DECIMALS),
-        "settled_at": rounded(seen.settled_at),
-        "converged": seen.converged,
-        "mode": seen.mode,
-        "shape": seen.shape,
-        "missed": seen.missed,
-        "rejected": sum(seen.rejected.values()),
+        "elapsed": rounded(snapshot.elapsed),
+        "error": rounded(snapshot.formation_error, ERROR_DECIMALS),
+        **_known(snapshot),
+        "true": rounded(snapshot.formation_error_true, ERROR_DECIMALS),
+        "settled_at": rounded(snapshot.settled_at),
+        "converged": snapshot.converged,
+        "mode": snapshot.mode,
+        "shape": snapshot.shape,
+        "missed": snapshot.missed,
+        "rejected": sum(snapshot.rejected.values()),
         "recording": recording,
         "r": rows,
-        "e": [rounded(error, ERROR_DECIMALS) for error in seen.edges.values()],
-        **_wished(seen),
-        **_leading(seen),
+        "e": [rounded(error, ERROR_DECIMALS) for error in snapshot.edges.values()],
+        **_wished(snapshot),
+        **_leading(snapshot),
         **({} if replay is None else {"replay": replay}),
     }
 
 
-def _known(seen: Snapshot) -> dict[str, Any]:
+def _known(snapshot: Snapshot) -> dict[str, Any]:
     """Return, if edges are unknown, the error over the known ones, their number, the total, and the cause."""
-    known, verdict = seen.known, seen.known_verdict
+    known, verdict = snapshot.known, snapshot.known_verdict
     if known.complete or known.error is None:
         return {}
     over = [known.known_edges, known.edges, known.words]
@@ -138,30 +139,30 @@ def _known(seen: Snapshot) -> dict[str, Any]:
     }
 
 
-def _wished(seen: Snapshot) -> dict[str, Any]:
-    if seen.wish is None:
+def _wished(snapshot: Snapshot) -> dict[str, Any]:
+    if snapshot.wish is None:
         return {}
     return {
-        **({"rotation": rounded(seen.wish.rotation)} if seen.wish.rotation else {}),
-        **({"scale": rounded(seen.wish.scale)} if seen.wish.scale != 1.0 else {}),
-        **({} if seen.formed else {"forming": True}),
-        **({"waits": seen.waits} if seen.waits else {}),
+        **({"rotation": rounded(snapshot.wish.rotation)} if snapshot.wish.rotation else {}),
+        **({"scale": rounded(snapshot.wish.scale)} if snapshot.wish.scale != 1.0 else {}),
+        **({} if snapshot.formed else {"forming": True}),
+        **({"waits": snapshot.waits} if snapshot.waits else {}),
     }
 
 
-def _leading(seen: Snapshot) -> dict[str, Any]:
-    if not seen.candidates:
+def _leading(snapshot: Snapshot) -> dict[str, Any]:
+    if not snapshot.candidates:
         return {}
     return {
-        "leads": seen.leads,
-        "since": rounded(seen.lead.since if seen.lead else None),
-        "c": [[one.state, one.reason, rounded(one.age)] for one in seen.candidates.values()],
+        "leads": snapshot.leads,
+        "since": rounded(snapshot.lead.since if snapshot.lead else None),
+        "c": [[one.state, one.reason, rounded(one.age)] for one in snapshot.candidates.values()],
     }
 
 
 def _row(
     name: str, robot: RobotMetrics, offset: float, places: tuple[Placed | None, Placed | None],
-    slot: complex | None, well: Health,
+    slot: complex | None, fitness: Health,
 ) -> list[Any]:  # fmt: skip
     """Return the values of `FIELDS`; `places` by its own positions and in truth."""
     place, truth = places
@@ -178,12 +179,12 @@ def _row(
         rounded(robot.age),
         rounded(robot.rate, 1),
         rounded(robot.keys[POSITION.key(name)].loss),
-        rounded(well.share, 2),
+        rounded(fitness.share, 2),
         robot.shown,
         robot.reason,
         *_xy(_centre(truth, offset)),
         rounded(robot.heading_error),
-        well.why,
+        fitness.why,
         2 if robot.stuck else int(robot.unavailable),
         robot.fallback,
         AVOIDING.get(robot.avoiding) or SIGHT.get(robot.sight, ""),

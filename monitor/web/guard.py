@@ -34,7 +34,7 @@ MAX_PATH_BYTES = 1024
 
 def host_is_ours(host: str, names: Collection[str]) -> bool:
     """Return whether a Host header names us: an address, which cannot be rebound, or one of our names."""
-    name = _name(host)
+    name = _host_name(host)
     if name is None:
         return False
     try:
@@ -57,7 +57,7 @@ def names_of(hostname: str, bound: str) -> frozenset[str]:
 
 
 class Guard:
-    """A gate in front of an application."""
+    """An application that refuses requests of other pages before `app` gets them."""
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
         """`names` are ours, in lower case."""
@@ -94,7 +94,7 @@ class Guard:
         return None
 
 
-def _name(host: str) -> str | None:
+def _host_name(host: str) -> str | None:
     """Return the name or address of a Host header, without its port; None if invalid."""
     try:
         parts = urlsplit(f"//{host}")

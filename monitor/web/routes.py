@@ -87,13 +87,13 @@ def application(source: Source, streams: Streams, control: Control | None, steer
     if control is not None:
         orders = Orders(source, control)
         routes.append(Route("/api/order", orders.order, methods=["POST"]))
-        routes.append(Route("/api/order", orders.may, methods=["GET"]))
+        routes.append(Route("/api/order", orders.check_token, methods=["GET"]))
         routes.append(Route("/api/drive", orders.drive, methods=["POST"]))
     if steer is not None:
         routes.append(Route("/api/replay", partial(_steer, steer), methods=["POST"]))
-    routes.append(Route("/api/{rest:path}", _nothing, methods=["GET", "POST"]))
+    routes.append(Route("/api/{rest:path}", _not_available, methods=["GET", "POST"]))
     routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
-    return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
+    return Starlette(routes=routes, exception_handlers={HTTPException: _error_response})
 
 
 async def _health(source: Source, _request: Request) -> Response:
@@ -103,25 +103,25 @@ async def _health(source: Source, _request: Request) -> Response:
     return PlainTextResponse("ok\n", headers=NO_STORE)
 
 
-async def _nothing(request: Request) -> Response:
+async def _not_available(request: Request) -> Response:
     """Answer a request for a function that this server was started without."""
     raise HTTPException(404, f"there is no {request.url.path} here")
 
 
 async def _metrics(streams: Streams, request: Request) -> Response:
     """Answer with the metrics for Prometheus."""
-    look = await _look(streams)
+    look = await _next_frame(streams)
     body, content_type = exposition(look.snapshot, look.frame["recording"], request.headers.get("accept", ""))
     return Response(body, headers={**NO_STORE, "content-type": content_type})
 
 
 async def _snapshot(streams: Streams, _request: Request) -> Response:
     """Answer with the snapshot for programs."""
-    return JSONResponse(as_json((await _look(streams)).snapshot), headers=NO_STORE)
+    return JSONResponse(as_json((await _next_frame(streams)).snapshot), headers=NO_STORE)
 
 
-async def _look(streams: Streams) -> Look:
-    look = await streams.fresh()
+async def _next_frame(streams: Streams) -> Look:
+    look = await streams.next_frame()
     if look is None:
         raise HTTPException(503, "there are no metrics at the moment")
     return look
@@ -136,14 +136,14 @@ class Orders:
         self._drives = ThreadPoolExecutor(MAX_DRIVES, "drive")
         self._under_way: Counter[ThreadPoolExecutor] = Counter()
 
-    async def may(self, request: Request) -> Response:
+    async def check_token(self, request: Request) -> Response:
         """Answer whether the sender may give orders, so that a missing token shows before the first stop."""
-        self._know(request)
+        self._require_token(request)
         return Response(status_code=204, headers=NO_STORE)
 
     async def order(self, request: Request) -> Response:
         """Give an order and answer with the robots' answers."""
-        self._know(request)
+        self._require_token(request)
         body = await _body(request)
         do = _one_of(body, "do", [one for one in get_args(Do) if one != "drive"])
         what = {name: body.get(name) for name in TAKES.get(do, ())}
@@ -156,30 +156,30 @@ class Orders:
 
     async def drive(self, request: Request) -> Response:
         """Pass on a driver's velocity and answer with the leader's answer."""
-        self._know(request)
+        self._require_token(request)
         body = await _body(request)
         share = {name: _number(body, name) or 0.0 for name in ("forward", "turn")}
         token = int(_number(body, "token") or 0.0)
         drive = partial(self._control.drive, driver=_text(body, "driver"), token=token, **share)
         return await self._run(self._drives, MAX_DRIVES, drive)
 
-    def _know(self, request: Request) -> None:
+    def _require_token(self, request: Request) -> None:
         """Refuse a request without the token."""
         given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
         if not hmac.compare_digest(given.encode(), right.encode()):
-            raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+            raise HTTPException(401, "orders need the page's token", {"www-authenticate": "Bearer"})
         request.scope[OPERATOR] = True
 
     async def _run(
-        self, threads: ThreadPoolExecutor, most: int, order: Callable[[], dict[str, Any]]
+        self, threads: ThreadPoolExecutor, limit: int, order: Callable[[], dict[str, Any]]
     ) -> Response:
         """Give an order, or a velocity, in one of `threads`, and answer with what it returns.
 
-        It is refused while `most` are under way.
+        It is refused while `limit` are under way.
         """
-        if self._under_way[threads] >= most:
+        if self._under_way[threads] >= limit:
             raise HTTPException(
-                429, f"{most} are under way, the most at once; try again", {"retry-after": "1"}
+                429, f"{limit} are under way, the most at once; try again", {"retry-after": "1"}
             )
         self._under_way[threads] += 1
         try:
@@ -266,7 +266,7 @@ def _text(body: Mapping[str, Any], key: str) -> str:
     return value
 
 
-async def _say_why(_request: Request, error: Exception) -> Response:
+async def _error_response(_request: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):  # as starlette would have it typed
         raise error
     return JSONResponse(

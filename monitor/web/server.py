@@ -80,8 +80,8 @@ class PageServer:
 
     def stop(self) -> None:
         """End every connection and the thread, within `STOP_TIMEOUT_SECONDS`. May be called twice."""
-        self.source.wakes(None)
-        self._call(self._end)
+        self.source.set_wake(None)
+        self._call_in_thread(self._end)
         if self._thread.is_alive():
             self._thread.join(STOP_TIMEOUT_SECONDS)
         self._socket.close()
@@ -93,22 +93,22 @@ class PageServer:
             _log.exception("the page is no longer served")
         finally:
             self._loop = None
-            self.source.wakes(None)
-            self.source.looking(0)
+            self.source.set_wake(None)
+            self.source.set_clients(0)
             self._up.set()
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self.source.wakes(lambda: self._call(self._streams.wake))
+        self.source.set_wake(lambda: self._call_in_thread(self._streams.wake))
         self._up.set()
         await self._server.serve(sockets=[self._socket])
 
     def _end(self) -> None:
         self._server.should_exit = True
         self._streams.close()
-        asyncio.get_running_loop().call_later(FORCED_CLOSE_SECONDS, self._cut)
+        asyncio.get_running_loop().call_later(FORCED_CLOSE_SECONDS, self._abort_all)
 
-    def _cut(self) -> None:
+    def _abort_all(self) -> None:
         self._server.force_exit = True
         for one in list(self._server.server_state.connections):
             one.transport.abort()
@@ -118,14 +118,14 @@ class PageServer:
             if isinstance(one, Connection) and one.client == request["client"]:
                 one.transport.abort()
 
-    def _call(self, do: Callable[[], None]) -> None:
+    def _call_in_thread(self, do: Callable[[], None]) -> None:
         """Call `do` in the server's thread, if it still runs."""
         if (loop := self._loop) is not None:
             with suppress(RuntimeError):  # it has closed its loop meanwhile
                 loop.call_soon_threadsafe(do)
 
 
-def opened(
+def page_server(
     requested: Bind | None, source: Source, control: Control | None = None, steer: Steer | None = None
 ) -> PageServer:
     """Return a server at the `requested` address, by default at the usual port or, if that is taken, at any.

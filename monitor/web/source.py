@@ -70,7 +70,7 @@ class Source:
         """Shapes that can be ordered."""
         self._lock = Lock()
         self._number = 0
-        self._looking = 0
+        self._clients = 0
         self._wake: Callable[[], None] = lambda: None
 
     # news from the watching thread
@@ -78,7 +78,7 @@ class Source:
     @property
     def wanted(self) -> bool:
         """Whether any client is connected. If not, no frame needs to be made."""
-        return self._looking > 0
+        return self._clients > 0
 
     def step(self) -> None:
         """Record that the watching thread has shown all that is new."""
@@ -126,7 +126,7 @@ class Source:
 
     # requests from the serving thread
 
-    def wakes(self, wake: Callable[[], None] | None) -> None:
+    def set_wake(self, wake: Callable[[], None] | None) -> None:
         """Call `wake`, from the watching thread, whenever there is news."""
         self._wake = wake or (lambda: None)
 
@@ -135,9 +135,9 @@ class Source:
         """Time since the newest step, or since the start [s]."""
         return self._mono() - self._stepped
 
-    def looking(self, people: int) -> None:
+    def set_clients(self, count: int) -> None:
         """Set the number of clients that look, or wait for one frame."""
-        self._looking = people
+        self._clients = count
 
     def greeting(self) -> Greeting:
         """Return the start of a stream."""

@@ -36,7 +36,7 @@ class Streams:
         """`hang_up` ends the connection of a request at once."""
         self._source, self._hang_up = source, hang_up
         self._wakes: set[asyncio.Event] = set()
-        self._places, self._requesters = 0, 0
+        self._stream_count, self._requesters = 0, 0
         self._closed = False
 
     def wake(self) -> None:
@@ -54,7 +54,7 @@ class Streams:
         if scope["method"] == "HEAD":
             await _answer(send, 200, HEADERS)
             return
-        if self._places >= MAX_STREAMS:
+        if self._stream_count >= MAX_STREAMS:
             await _answer(
                 send,
                 503,
@@ -62,7 +62,7 @@ class Streams:
                 b"%d pages are open, and more are not served: close one\n" % MAX_STREAMS,
             )
             return
-        self._looking(streams=+1)
+        self._count_clients(streams=+1)
         gone = asyncio.create_task(_gone(receive))
         try:
             await self._serve(send, gone)
@@ -70,17 +70,17 @@ class Streams:
             self._hang_up(scope)
             await gone
         finally:
-            self._looking(streams=-1)
+            self._count_clients(streams=-1)
             gone.cancel()
             with suppress(asyncio.CancelledError):
                 await gone
 
-    async def fresh(self) -> Look | None:
+    async def next_frame(self) -> Look | None:
         """Return the next frame, also without streams; None if none comes."""
         before = self._source.look
         wake = asyncio.Event()
         self._wakes.add(wake)
-        self._looking(requesters=+1)
+        self._count_clients(requesters=+1)
         try:
             async with asyncio.timeout(MAX_FRAME_WAIT):
                 while (look := self._source.look) is before:
@@ -90,7 +90,7 @@ class Streams:
             return None
         finally:
             self._wakes.discard(wake)
-            self._looking(requesters=-1)
+            self._count_clients(requesters=-1)
         return look
 
     async def _serve(self, send: Send, gone: asyncio.Task[None]) -> None:
@@ -123,10 +123,10 @@ class Streams:
         finally:
             self._wakes.discard(wake)
 
-    def _looking(self, *, streams: int = 0, requesters: int = 0) -> None:
-        self._places += streams
+    def _count_clients(self, *, streams: int = 0, requesters: int = 0) -> None:
+        self._stream_count += streams
         self._requesters += requesters
-        self._source.looking(self._places + self._requesters)
+        self._source.set_clients(self._stream_count + self._requesters)
 
 
 async def _answer(send: Send, status: int, headers: list[tuple[bytes, bytes]], body: bytes = b"") -> None:

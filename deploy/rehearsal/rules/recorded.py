@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 
 from formation.deploy.rehearsal.engine import EPOCH
-from formation.monitor.recording.scan import contents, records, understood
+from formation.monitor.recording.scan import contents, parsed, records
 
 TIME_TOLERANCE = 1.0
 """Time before or after the run at which a message may be recorded [s]."""
@@ -28,7 +28,7 @@ def wrong(path: Path, seconds: float) -> Iterator[str]:
                 least = min([least, *(1e-9 * one.logged - EPOCH for one in found.messages)])
                 most = max([most, *(1e-9 * one.logged - EPOCH for one in found.messages)])
             elif record.opcode == Opcode.MESSAGE_INDEX:
-                index = understood(MessageIndex.read, record.body)
+                index = parsed(MessageIndex.read, record.body)
                 if index is not None:
                     missing -= {(index.channel_id, logged, at) for logged, at in index.records}
     if missing:

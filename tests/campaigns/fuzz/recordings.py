@@ -26,9 +26,9 @@ from formation.deploy.recordings import recover, replay, report, verify
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.mission.file import read as mission_text
-from formation.monitor.recording.part import packed
+from formation.monitor.recording.part import encoded
 from formation.monitor.recording.reader import UnreadableError
-from formation.monitor.recording.scan import MAGIC, records, understood
+from formation.monitor.recording.scan import MAGIC, parsed, records
 from formation.monitor.replay.player import MAX_SPEED, Player
 from formation.monitor.replay.process import Picture
 from formation.monitor.web import frames
@@ -144,7 +144,7 @@ def _with_text(raw: bytes, begin: int, end: int, text: bytes) -> bytes:
 
 def _rewrite(parts: Parts, chance: random.Random, how: Callable[[bytes], bytes]) -> None:
     at = _of(parts, chance, Opcode.CHUNK)
-    chunk = understood(Chunk.read, parts[at][1])
+    chunk = parsed(Chunk.read, parts[at][1])
     if chunk is not None:
         raw, codec = how(lz4.frame.decompress(chunk.data)), chance.choice(("", "lz4", "zstd"))
         parts[at] = _chunk(raw, codec, chunk.message_start_time, chunk.message_end_time)
@@ -160,18 +160,18 @@ def _packed(codec: str, data: bytes, begin: int, end: int, crc: int, size: int) 
         compression=codec, data=data, message_start_time=begin, message_end_time=end, uncompressed_crc=crc,
         uncompressed_size=size,
     )  # fmt: skip
-    return int(Opcode.CHUNK), packed(chunk)[_HEAD.size :]
+    return int(Opcode.CHUNK), encoded(chunk)[_HEAD.size :]
 
 
 def _about(parts: Parts, chance: random.Random) -> None:
     """What the recording says of itself, the mission among it."""
     at = _of(parts, chance, Opcode.METADATA)
-    found = understood(Metadata.read, parts[at][1])
+    found = parsed(Metadata.read, parts[at][1])
     if found is None:
         return
     key = chance.choice(("mission_file", "mission_file", "law", "part", "recording", "mission"))
     text = damaged(found.metadata.get(key, "1").encode(), chance, 12).decode(errors="replace")
-    body = packed(Metadata(name=found.name, metadata={**found.metadata, key: text}))
+    body = encoded(Metadata(name=found.name, metadata={**found.metadata, key: text}))
     parts[at] = int(Opcode.METADATA), body[_HEAD.size :]
 
 

@@ -16,14 +16,14 @@ from formation.monitor.recording.disk import NOTHING, Forcer
 from formation.monitor.recording.part import Part
 from formation.monitor.recording.reader import read
 from formation.monitor.recording.recorder import Recorder, RecordingError
-from formation.monitor.recording.rotation import Room
+from formation.monitor.recording.rotation import FreeSpace
 from tests.support.child import until
 from tests.support.disks import feed, in_a_file, in_memory, run, settle
 from tests.support.monitored import EPOCH, command
 from tests.support.recordings import has_end
 from tests.unit.monitor.recording.test_recorder import recorder
 
-SMALL = Room(stop=400_000, resume=1_500_000)
+SMALL = FreeSpace(stop=400_000, resume=1_500_000)
 
 
 def walls(path: Path) -> list[float]:
@@ -75,7 +75,7 @@ def test_recording_continues_in_new_part_after_full_disk() -> None:
 @pytest.mark.mounts
 def test_disk_full_to_last_block_keeps_complete_messages(tmp_path: Path) -> None:
     with in_a_file(tmp_path / "disk", 20) as folder:
-        with recorder(folder / "run.mcap", room=Room(stop=0, resume=10**9)) as recording:
+        with recorder(folder / "run.mcap", room=FreeSpace(stop=0, resume=10**9)) as recording:
             feed(recording, 10.0, 12.0)
             with (folder / "filler").open("wb", buffering=0) as file:
                 for piece in (100_000, 512):
@@ -92,7 +92,7 @@ def test_disk_full_to_last_block_keeps_complete_messages(tmp_path: Path) -> None
 @pytest.mark.mounts
 def test_read_only_disk_ends_only_the_recording(tmp_path: Path) -> None:
     with in_a_file(tmp_path / "disk", 20) as folder:
-        with recorder(folder / "run.mcap", room=Room(0, 0)) as recording:
+        with recorder(folder / "run.mcap", room=FreeSpace(0, 0)) as recording:
             feed(recording, 10.0, 12.0)
             run("mount", "-o", "remount,abort", folder)  # as ext4 does on a disk error
             feed(recording, 12.0, 40.0)
@@ -127,7 +127,7 @@ def test_write_error_is_logged_once_and_recording_resumes(
         feed(recording, 50.0, 75.0)
         assert failure_of(recording) is None
     assert caplog.text.count("nothing is recorded any more") == 1
-    assert caplog.text.count("goes on in") == len(recording.paths) - 1
+    assert caplog.text.count("continues in") == len(recording.paths) - 1
     kept = walls(tmp_path / "run.mcap")
     assert kept[:45] == tenths(10.0, 14.5)
     assert kept[-130:] == tenths(62.0, 75.0)
@@ -200,7 +200,7 @@ def test_hanging_disk_delays_nothing_and_catches_up(
             feed_one(recording, tick / 10)
         assert failure_of(recording) is None
         assert not recording.recorded  # only what the disk has confirmed counts as recorded
-        assert caplog.text.count("the disk is 2.5 s behind, limit 2 s: a power cut would lose these") == 1
+        assert caplog.text.count("the disk is 2.5 s behind, limit 2 s: a power cut would lose that") == 1
         stuck.let.set()
         until(lambda: recording._disk.safe.number == recording._handed)
         recording.flush(31.0)

@@ -308,18 +308,18 @@ def test_second_click_reports_failure_again(
 def test_order_overtaken_by_stop_is_not_sent(
     operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    put_reached, put = threading.Event(), operator._put
+    put_reached, put = threading.Event(), operator._send
 
     def announced_put(*question: Any) -> Any:
         put_reached.set()
         return put(*question)
 
-    monkeypatch.setattr(operator, "_put", announced_put)
+    monkeypatch.setattr(operator, "_send", announced_put)
     with operator._lock:
-        given, _ = operator._precedence.give(intent.request_for(SIX, "run"), 0.0)
+        given, _ = operator._precedence.accept(intent.request_for(SIX, "run"), 0.0)
         run = pages.submit(operator._give, given)  # checks whether it is over, then waits for the lock
         assert put_reached.wait(20.0)
-        operator._precedence.give(intent.request_for(SIX, "stop"), 1.0)
+        operator._precedence.accept(intent.request_for(SIX, "stop"), 1.0)
     run.result(20.0)
-    assert given.over
+    assert given.overruled
     assert not team.received

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from formation.monitor.web.address import Bind
-from formation.monitor.web.server import PageServer, opened, words
+from formation.monitor.web.server import PageServer, page_server, words
 from tests.processes.page.asking import requested
 from tests.support.child import PATIENCE, until
 from tests.support.looking import ANY, SEEN, looking, serving, source
@@ -109,12 +109,12 @@ def test_second_page_server_uses_another_port(monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.setattr("formation.monitor.web.server.PORT", port)
         monkeypatch.setattr("formation.monitor.web.server.Bind", lambda port=port: Bind(port=port))
         assert words(None, first) == first.address
-        with opened(None, source()) as second:
+        with page_server(None, source()) as second:
             assert requested(second, "healthz").status_code == 200
             assert words(None, second) == f"{second.address} (port {port} is taken)"
         assert second.address != first.address
         with pytest.raises(OSError, match="in use"):
-            opened(Bind(port=port), source())
+            page_server(Bind(port=port), source())
         assert requested(first, "healthz").status_code == 200
 
 

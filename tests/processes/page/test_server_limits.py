@@ -57,7 +57,7 @@ def closed(one: socket.socket) -> bool:
 def test_sleeping_client_delays_no_other_and_queues_nothing() -> None:
     with serving() as server, looking(server) as events, asleep(server):
         next(events)
-        until(lambda: server.source._looking == 2)
+        until(lambda: server.source._clients == 2)
         before = psutil.Process().memory_info().rss
         for number in range(500):
             show(server, number)
@@ -106,7 +106,7 @@ def test_stream_over_limit_is_refused_until_viewer_leaves(monkeypatch: pytest.Mo
             refused = httpx.get(server.address + "stream", timeout=PATIENCE, verify=PLAIN)
             assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
             assert httpx.get(server.address + "healthz", timeout=PATIENCE, verify=PLAIN).status_code == 200
-        until(lambda: server.source._looking == 2)
+        until(lambda: server.source._clients == 2)
         assert next(stack.enter_context(looking(server))).kind == "hello"
 
 
@@ -125,13 +125,13 @@ def test_connection_over_limit_closes_oldest(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("formation.monitor.web.connection.REQUEST_TIMEOUT_SECONDS", 1e6)
     with serving() as server, ExitStack() as stack:
         first = stack.enter_context(asleep(server))
-        until(lambda: server.source._looking == 1)
+        until(lambda: server.source._clients == 1)
         for _ in range(3):
             stack.enter_context(asleep(server))
-        until(lambda: server.source._looking == 4)
+        until(lambda: server.source._clients == 4)
         stack.enter_context(asleep(server))
         assert closed(first)
-        until(lambda: server.source._looking == 4)
+        until(lambda: server.source._clients == 4)
         assert len(server._server.server_state.connections) == 4
 
 
@@ -199,7 +199,7 @@ def test_connections_of_one_address_are_limited(monkeypatch: pytest.MonkeyPatch)
     with serving() as server, ExitStack() as stack, looking(server) as events:
         next(events)
         flood(server, REQUEST, 30, 1, stack)
-        until(lambda: server.source._looking == 6)
+        until(lambda: server.source._clients == 6)
         show(server, 1)
         assert next(events).data["t"] == 1.0
 
@@ -263,7 +263,7 @@ def test_server_stops_with_open_connections(
         for _ in range(8):
             stack.enter_context(asleep(server))
             stack.enter_context(dial(server))
-        until(lambda: server.source._looking == 16)
+        until(lambda: server.source._clients == 16)
         for number in range(50):
             show(server, number)
             assert [next(one).kind for one in people] == 8 * ["frame" if number else "hello"]

@@ -14,7 +14,7 @@ from formation.mission.file import load, parse, read
 from formation.monitor.core import MAX_EVENTS, Monitor
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.keys import given_stage, usual_stage, watched
-from formation.monitor.process import Watch
+from formation.monitor.process import MonitorLoop
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
     ALIVE,
@@ -60,7 +60,7 @@ def test_clock_event_is_recorded_before_messages_arrived_since() -> None:
     bus.drain.side_effect = ([], [sample])
     recorder.notices.return_value = ()
     times = iter((now(10.0), now(10.02)._replace(wall=10.02 + EPOCH - 60.0)))
-    watch = Watch(Monitor(Fleet().mission), bus, recorder, Mock(), clock=lambda: next(times))
+    watch = MonitorLoop(Monitor(Fleet().mission), bus, recorder, Mock(), clock=lambda: next(times))
     pauses = watch.run(Mock(__bool__=lambda _: False), snapshots=False)
     next(pauses)
     recorder.write.reset_mock()
@@ -72,7 +72,7 @@ def test_clock_event_is_recorded_before_messages_arrived_since() -> None:
 def test_overflow_is_reported_with_number_of_messages() -> None:
     bus, monitor, moment = Mock(overflowed=0), Monitor(Fleet().mission), [10.0]
     bus.drain.return_value = []
-    watch = Watch(monitor, bus, None, Mock(), clock=lambda: now(moment[0]))
+    watch = MonitorLoop(monitor, bus, None, Mock(), clock=lambda: now(moment[0]))
     pauses = watch.run(Mock(__bool__=lambda _: False), snapshots=False)
     for overflowed in (0, 980, 990, 990):
         bus.overflowed, moment[0] = overflowed, moment[0] + 0.02
@@ -118,8 +118,10 @@ def test_poses_and_displacements_are_subscribed_only_if_used(
 def test_truth_is_subscribed_only_for_simulated_robots() -> None:
     mission = load("six_robots")
     monitor = Monitor(mission, ["robot3", "robot5"])
-    assert monitor.truths == tuple((GROUND_TRUTH, GROUND_TRUTH.key(name)) for name in ("robot3", "robot5"))
-    assert Monitor(mission).truths == ()
+    assert monitor.truth_topics == tuple(
+        (GROUND_TRUTH, GROUND_TRUTH.key(name)) for name in ("robot3", "robot5")
+    )
+    assert Monitor(mission).truth_topics == ()
     assert not [key for key in monitor.subscriptions if GROUND_TRUTH.name in key]
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from formation.monitor.core import Monitor
 from formation.monitor.metrics.event import INFO, Event
-from formation.monitor.process import Showing
+from formation.monitor.process import PageUpdater
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.web.routes import application
 from formation.monitor.web.source import Source
@@ -27,8 +27,8 @@ class Watched:
         self.fleet = Fleet()
         self.monitor = Monitor(self.fleet.mission)
         self.source, self.frames = one, 0
-        self._showing, self._recorder = Showing(self.fleet.mission, self.monitor, one), recorder
-        one.wakes(self._count)
+        self._showing, self._recorder = PageUpdater(self.fleet.mission, self.monitor, one), recorder
+        one.set_wake(self._count)
 
     def run(self, start: float, end: float) -> None:
         """Step fifty times a second."""
@@ -53,7 +53,7 @@ class Watched:
 
 def test_viewer_gets_ten_frames_a_second() -> None:
     watched = Watched(source())
-    watched.source.looking(1)
+    watched.source.set_clients(1)
     watched.run(10.0, 20.0)
     assert 98 <= watched.frames <= 101
     assert watched.shown()["t"] - EPOCH == pytest.approx(20.0, abs=0.11)
@@ -90,7 +90,7 @@ class Disk:
 def test_frame_shows_recording_size_duration_and_failure() -> None:
     disk = Disk()
     watched = Watched(source(), cast("Recorder", disk))
-    watched.source.looking(1)
+    watched.source.set_clients(1)
     watched.run(10.0, 12.0)
     assert watched.shown()["recording"] == {
         "path": "a_2.mcap", "bytes": 4711, "seconds": pytest.approx(2.0, abs=0.11), "failure": None,
@@ -104,7 +104,7 @@ def test_failing_page_is_logged_and_monitor_continues(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watched = Watched(source())
-    watched.source.looking(1)
+    watched.source.set_clients(1)
 
     def fails(*_: object) -> None:
         raise RuntimeError("no page today")
@@ -140,7 +140,7 @@ def test_health_is_503_once_newest_step_is_2_s_old(monkeypatch: pytest.MonkeyPat
     assert answer.json() == {"error": "the newest step of the monitor is 2.1 s old"}
     watched.run(10.02, 10.04)
     assert health(watched.source).status_code == 200
-    watched.source.looking(1)
+    watched.source.set_clients(1)
     monkeypatch.setattr(watched.source, "show", {}.__getitem__)  # fails: no frame is made
     watched.run(11.0, 11.02)
     assert health(watched.source).status_code == 503

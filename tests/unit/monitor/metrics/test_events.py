@@ -492,7 +492,7 @@ def test_frozen_monitor_calls_no_robot_silent() -> None:
     one.drive(80.0)
     frozen, *others = one.reported[len(one.reported) - 1 :]
     assert (frozen.kind, frozen.text) == (
-        "frozen", "the monitor stood still for 60.0 s, limit 1 s; messages of that time may be missing"
+        "frozen", "the monitor was frozen for 60.0 s, limit 1 s; messages of that time may be missing"
     )  # fmt: skip
     assert not others
     assert not of(one.reported, "lost")

@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Header, Metadata, Statistics
 
 from formation.mission.file import read as mission_text
-from formation.monitor.recording.part import packed
+from formation.monitor.recording.part import encoded
 from formation.monitor.recording.reader import Extent, UnreadableError, condition_of, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.scan import MAGIC, MAX_CHUNK_BYTES, MAX_EXPANSION_RATIO, contents, records
@@ -24,12 +24,12 @@ HUGE = 60 * 10**9
 def top(**about: str) -> bytes:
     text = mission_text("six_robots")[0]
     reported = {"mission": "six-robots", "mission_file": text, "law": "field", **about}
-    header = packed(Header(profile="ros2", library="somebody else's"))
-    return MAGIC + header + packed(Metadata(name="formation", metadata=reported))
+    header = encoded(Header(profile="ros2", library="somebody else's"))
+    return MAGIC + header + encoded(Metadata(name="formation", metadata=reported))
 
 
 def chunk(codec: str, data: bytes, size: int) -> bytes:
-    return packed(
+    return encoded(
         Chunk(
             compression=codec, data=data, message_start_time=1, message_end_time=2, uncompressed_crc=0,
             uncompressed_size=size,
@@ -85,7 +85,7 @@ def test_chunk_above_max_expansion_ratio_is_refused(tmp_path: Path, codec: str) 
 @pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])
 def test_footer_pointing_outside_the_file_counts_as_cut(tmp_path: Path, place: int) -> None:
     file = tmp_path / "footer.mcap"
-    file.write_bytes(top() + packed(Footer(place, place, 0)) + MAGIC)
+    file.write_bytes(top() + encoded(Footer(place, place, 0)) + MAGIC)
     recording = read(file)
     assert recording.condition().is_cut
     assert list(recording.messages(since=1.0)) == []
@@ -100,7 +100,7 @@ def test_statistics_with_end_before_start_are_ignored(tmp_path: Path) -> None:
         message_start_time=2**64 - 1, message_end_time=0, channel_message_counts={},
     )  # fmt: skip
     file = tmp_path / "odd.mcap"
-    file.write_bytes(begin + packed(stated) + packed(Footer(len(begin), 0, 0)) + MAGIC)
+    file.write_bytes(begin + encoded(stated) + encoded(Footer(len(begin), 0, 0)) + MAGIC)
     assert read(file).extent() == Extent()
 
 
@@ -127,7 +127,7 @@ def test_index_longer_than_any_is_not_read(tmp_path: Path) -> None:
         sparse.write(begin)
         sparse.truncate(len(begin) + HUGE)
         sparse.seek(0, os.SEEK_END)
-        sparse.write(packed(Footer(len(begin), 0, 1)) + MAGIC)
+        sparse.write(encoded(Footer(len(begin), 0, 1)) + MAGIC)
     condition = read(file).condition()
     assert (condition.is_cut, condition.damaged) == (False, 1)
     assert list(read(file).messages()) == []

@@ -30,12 +30,19 @@ from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.recording import disk, scan
 from formation.monitor.recording import part as part_module
 from formation.monitor.recording import recorder as recorder_module
-from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
-from formation.monitor.recording.part import BLOCK_BYTES, CHUNK_HEAD_BYTES, Chunk, Entry, Index, Part
-from formation.monitor.recording.part import packed as packed_record
+from formation.monitor.recording.channels import SUFFIX, Channels, packed_attachment, unpacked_attachment
+from formation.monitor.recording.part import (
+    BLOCK_BYTES,
+    CHUNK_HEAD_BYTES,
+    Chunk,
+    ChunkEntry,
+    Index,
+    Part,
+    encoded,
+)
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
-from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
+from formation.monitor.recording.rotation import FREE_SPACE, ROTATION, FreeSpace, Rotation
 from formation.monitor.recording.scan import MESSAGE, Contents, contents, records
 from formation.ros2 import messages
 from formation.ros2.definitions import type_hash
@@ -49,7 +56,11 @@ TEXT, SIX = read("six_robots")[0], load("six_robots")
 
 
 def recorder(
-    path: Path, mission: Mission = SIX, text: str = TEXT, rotation: Rotation = ROTATION, room: Room = ROOM
+    path: Path,
+    mission: Mission = SIX,
+    text: str = TEXT,
+    rotation: Rotation = ROTATION,
+    room: FreeSpace = FREE_SPACE,
 ) -> Recorder:
     return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN), rotation, room)
 
@@ -234,25 +245,25 @@ def test_clock_before_epoch_does_not_end_recording(tmp_path: Path) -> None:
 
 @given(text=st.text().filter(str.isprintable))
 def test_attachment_is_packed_as_ros_2_string(text: str) -> None:
-    data = packed(text.encode())
+    data = packed_attachment(text.encode())
     assert data == encode(Text(text))
     assert decode(Text, data) == Text(text)
-    assert unpacked(data) == text.encode()
+    assert unpacked_attachment(data) == text.encode()
 
 
 @given(data=st.binary(max_size=40))
 def test_invalid_string_unpacks_to_empty_attachment(data: bytes) -> None:
-    assert isinstance(unpacked(data), bytes)
-    assert unpacked(b"\0\1\0\0\xff\0\0\0" + data) == b""
+    assert isinstance(unpacked_attachment(data), bytes)
+    assert unpacked_attachment(b"\0\1\0\0\xff\0\0\0" + data) == b""
 
 
 def test_strings_of_other_writers_are_unpacked() -> None:
-    assert unpacked(bytes.fromhex("00000000 00000003") + b"hi\0") == b"hi"
-    assert unpacked(bytes.fromhex("00010001 03000000") + b"hi\0\0") == b"hi"
+    assert unpacked_attachment(bytes.fromhex("00000000 00000003") + b"hi\0") == b"hi"
+    assert unpacked_attachment(bytes.fromhex("00010001 03000000") + b"hi\0\0") == b"hi"
 
 
 def test_attachment_that_is_no_text_is_left_out() -> None:
-    assert [packed(one) for one in (b"\xff", b"\0", b"two\nlines", b"x" * 70_000)] == [None] * 4
+    assert [packed_attachment(one) for one in (b"\xff", b"\0", b"two\nlines", b"x" * 70_000)] == [None] * 4
 
 
 def test_attachments_are_read_back_with_their_messages(tmp_path: Path) -> None:
@@ -404,7 +415,7 @@ def test_failed_write_leaves_file_unchanged_and_usable(tmp_path: Path) -> None:
 
 TIMES = st.integers(0, 2**62)
 ENTRIES = st.builds(
-    Entry,
+    ChunkEntry,
     start=TIMES,
     end=TIMES,
     offset=TIMES,
@@ -416,7 +427,7 @@ ENTRIES = st.builds(
 
 
 @given(st.lists(ENTRIES, max_size=10))
-def test_index_records_equal_mcap_chunk_index(entries: list[Entry]) -> None:
+def test_index_records_equal_mcap_chunk_index(entries: list[ChunkEntry]) -> None:
     index, expected = Index(), b""
     for one in entries:
         index.add(one)
@@ -432,7 +443,7 @@ def test_index_records_equal_mcap_chunk_index(entries: list[Entry]) -> None:
             compressed_size=one.length - CHUNK_HEAD_BYTES - len(one.codec),
             uncompressed_size=one.unpacked,
         )
-        expected += packed_record(record)
+        expected += encoded(record)
     assert index.records() == expected
     assert (index.count, index.size) == (len(entries), len(expected))
 
@@ -442,7 +453,7 @@ def test_index_memory_is_below_a_twentieth_of_its_records() -> None:
     for number in range(5000):
         start = 10**18 + number * 500_000_000
         lengths = {channel: 15 + 16 * (5 + (number + channel) % 2) for channel in range(1, 80)}
-        index.add(Entry(start, start + 499_000_000, number * 60_000, 30_000, 80_000, "lz4", lengths))
+        index.add(ChunkEntry(start, start + 499_000_000, number * 60_000, 30_000, 80_000, "lz4", lengths))
     assert index.size == len(index.records())
     assert sum(map(len, index._packed)) < index.size / 20
     assert len(index._newest) < BLOCK_BYTES

@@ -101,9 +101,9 @@ def test_seek_forward_plays_skipped_messages_silently() -> None:
     player.seek(START + 5.0)
     assert player.seeking
     batch = player.next_batch(0.1, MANY)
-    assert not batch.anew
+    assert not batch.restarts
     assert numbers(batch.due) == list(range(1, 21))
-    assert [one.aloud for one in batch.due] == [False] * 19 + [True]
+    assert [one.played for one in batch.due] == [False] * 19 + [True]
     assert (player.position, player.seeking) == (START + 5.0, False)
 
 
@@ -112,8 +112,8 @@ def test_seek_back_rebuilds_from_the_beginning() -> None:
     played(player, 0.0, 8.0)
     player.seek(START + 2.0)
     batch = player.next_batch(8.0, MANY)
-    assert batch.anew
-    assert [int(one.message.sample.payload) for one in batch.due if not one.aloud] == list(range(8))
+    assert batch.restarts
+    assert [int(one.message.sample.payload) for one in batch.due if not one.played] == list(range(8))
     assert player.built_from == START
     assert numbers(player.next_batch(8.3, MANY).due) == [9]
 
@@ -125,7 +125,7 @@ def test_seek_back_during_seek_forward_starts_anew() -> None:
     assert numbers(player.next_batch(0.1, 30).due) == list(range(1, 31))  # as far as 7.5 s
     player.seek(START + 2.0)
     batch = player.next_batch(0.2, MANY)
-    assert batch.anew
+    assert batch.restarts
     assert numbers(batch.due) == list(range(9))
     assert player.position == START + 2.0
 
@@ -135,7 +135,7 @@ def test_seek_in_long_recording_rebuilds_from_a_stretch_before() -> None:
     player = Player(film, 0.0, stretch=10.0)
     player.seek(START + 60.0)
     batch = player.next_batch(0.0, MANY)
-    assert batch.anew
+    assert batch.restarts
     assert film.opened == [START, START + 50.0]
     assert numbers(batch.due) == list(range(200, 241))
     assert player.built_from == START + 50.0
@@ -166,7 +166,7 @@ def test_play_at_the_end_restarts() -> None:
     assert player.finished
     player.play(30.0)
     batch = player.next_batch(30.0, MANY)
-    assert batch.anew
+    assert batch.restarts
     assert numbers(batch.due) == [0]
 
 
@@ -264,7 +264,7 @@ def test_messages_keep_order_and_repeat_only_after_seek(
         else:
             mono += value if what == "wait" else 0.0
             batch = player.next_batch(mono, MANY if what == "wait" else int(value))
-            if batch.anew:
+            if batch.restarts:
                 assert sought
                 newest = -1
             came = numbers(batch.due)
@@ -273,9 +273,9 @@ def test_messages_keep_order_and_repeat_only_after_seek(
                 assert came == list(range(came[0], came[0] + len(came)))
                 assert came[0] == newest + 1 if newest >= 0 or not sought else came[0] > newest
                 newest = came[-1]
-            assert not (player.paused and any(one.aloud for one in batch.due))
-            assert all(one.message.wall <= player.position for one in batch.due if one.aloud)
-            if not (sought or batch.anew):
+            assert not (player.paused and any(one.played for one in batch.due))
+            assert all(one.message.wall <= player.position for one in batch.due if one.played)
+            if not (sought or batch.restarts):
                 assert player.position >= before
             sought = sought and player.seeking
         assert film.start <= player.position <= film.end

@@ -65,7 +65,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def page() -> Source:
     source = Source(frames.hello(SIX, live=False, control=False, version="0"), lambda: BEGIN)
-    source.looking(1)
+    source.set_clients(1)
     return source
 
 
@@ -164,8 +164,8 @@ def test_frames_during_seek_show_target_and_last_state(clock: Clock, monkeypatch
     assert (arrived["replay"]["seeking"], arrived["t"]) == (False, BEGIN + 1.0)
 
 
-def test_replay_with_again_from_restarts_at_the_end(clock: Clock) -> None:
-    replay = Replay(SIX, Player(Reel(), 0.0), again_from=BEGIN + 1.0)
+def test_replay_with_loop_from_restarts_at_the_end(clock: Clock) -> None:
+    replay = Replay(SIX, Player(Reel(), 0.0), loop_from=BEGIN + 1.0)
     for _ in range(450):
         turns(replay, clock, 0.01)
         assert not replay.state.finished  # at no moment, or the replay would end

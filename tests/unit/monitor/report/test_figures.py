@@ -90,14 +90,14 @@ def test_compared_runs_have_the_same_axes(run: Run, tmp_path: Path) -> None:
 
 
 def test_names_are_shortened_if_only_numbers_differ() -> None:
-    assert drawing.short(["robot1", "robot10", "robot11"]) == ["1", "10", "11"]
-    assert drawing.short(["leader", "robot1"]) == ["leader", "robot1"]
+    assert drawing.short_names(["robot1", "robot10", "robot11"]) == ["1", "10", "11"]
+    assert drawing.short_names(["leader", "robot1"]) == ["leader", "robot1"]
 
 
 def test_svg_of_six_robots_contains_no_raster_image(run: Run) -> None:
     svg = figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg")
     assert b"<image" not in svg
-    assert len(drawing.looks(100)) == 100
+    assert len(drawing.line_styles(100)) == 100
 
 
 @pytest.mark.slow
@@ -183,7 +183,7 @@ def test_chatter_is_drawn_as_mean_and_band() -> None:
     time: FloatArray = 0.02 * np.arange(200.0)
     chattering = np.where(np.arange(200) % 2, 1.5, -1.5)
     values = np.where((time > 1.0) & (time < 3.0), chattering, 0.0)
-    line, low, high = drawing.calmed(time, values, 0.1)
+    line, low, high = drawing.smoothed(time, values, 0.1)
     inside = (time > 1.4) & (time < 2.6)
     assert np.abs(line[inside]).max() < 0.05
     assert (low[inside] == -1.5).all()
@@ -193,7 +193,7 @@ def test_chatter_is_drawn_as_mean_and_band() -> None:
 
 @pytest.mark.parametrize("swing", [np.linspace(-1.5, 1.5, 200), np.sin(np.linspace(0.0, 9.0, 200)) ** 3])
 def test_smooth_lines_are_unchanged(swing: Any) -> None:
-    line, low, high = drawing.calmed(np.arange(0.0, 4.0, 0.02), swing, 0.1)
+    line, low, high = drawing.smoothed(np.arange(0.0, 4.0, 0.02), swing, 0.1)
     assert (line == swing).all()
     assert np.isnan(low).all()
     assert np.isnan(high).all()
@@ -209,7 +209,7 @@ def test_label_is_placed_away_from_the_line() -> None:
 def test_snapshots_do_not_overlap(history: History) -> None:
     axes = Figure2D().subplots()
     points = history.points[[0, 50, 100, 400]]
-    drawing.snapshots(axes, history.time[[0, 50, 100, 400]], points, history.edges, drawing.looks(5))
+    drawing.snapshots(axes, history.time[[0, 50, 100, 400]], points, history.edges, drawing.line_styles(5))
     spans: list[Any] = [np.asarray(one.get_offsets())[:, 0] for one in axes.collections]
     assert len(spans) == 4
     assert all(left.max() < right.min() for left, right in pairwise(spans))
@@ -218,6 +218,6 @@ def test_snapshots_do_not_overlap(history: History) -> None:
 def test_overlapping_formations_are_left_out_except_first_and_last() -> None:
     square: ComplexArray = np.array([0j, 1.0 + 0j, 1.0 + 1.0j, 1j])
     passing: ComplexArray = square + np.array([0.0, 0.5, 3.0, 4.5])[:, None]
-    assert drawing.apart(passing).tolist() == [0, 2, 3]
-    assert drawing.apart(passing[:2]).tolist() == [0, 1]
-    assert drawing.apart(passing[:1]).tolist() == [0]
+    assert drawing.separate_formations(passing).tolist() == [0, 2, 3]
+    assert drawing.separate_formations(passing[:2]).tolist() == [0, 1]
+    assert drawing.separate_formations(passing[:1]).tolist() == [0]

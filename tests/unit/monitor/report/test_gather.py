@@ -46,7 +46,7 @@ def test_settling_time_and_final_error_match_the_monitor(tmp_path: Path, run: Ru
     assert found.settled_at == pytest.approx(reported.settled_at, abs=1e-6)
     for name in ("final_error", "converged", "missed", "rejected"):
         assert getattr(found, name) == getattr(reported, name)
-    assert abs(run.story.apart) < 1e-3
+    assert abs(run.story.elapsed_excess) < 1e-3
     assert not [notice for notice in summary.notices(run) if "clock" in notice]
 
 
@@ -439,7 +439,7 @@ def test_short_series_is_kept_unchanged() -> None:
 def test_long_series_is_thinned_but_keeps_beginning_and_peak() -> None:
     values = np.sin(np.arange(100_000.0))
     values[54_321] = 1000.0
-    curves = thinned(values[:, None], most=64, head=16)
+    curves = thinned(values[:, None], max_rows=64, head=16)
     assert len(curves.time) <= 64
     assert (curves.time[:16] == np.arange(16.0)).all()
     assert (curves.low[:16, 0] == values[:16]).all()
@@ -451,7 +451,7 @@ def test_long_series_is_thinned_but_keeps_beginning_and_peak() -> None:
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
 def test_thinning_keeps_the_extremes(values: list[float]) -> None:
-    curves = thinned([(value,) for value in values], most=8, head=2)
+    curves = thinned([(value,) for value in values], max_rows=8, head=2)
     assert (curves.low.min(), curves.high.max()) == (min(values), max(values))
     time, line = curves.line(0)
     assert len(time) == len(line) <= 16
@@ -459,26 +459,26 @@ def test_thinning_keeps_the_extremes(values: list[float]) -> None:
 
 
 def test_thinning_ignores_unknown_values() -> None:
-    assert (thinned([(1.0,), (np.nan,)] * 32, most=4, head=0).low == 1.0).all()
+    assert (thinned([(1.0,), (np.nan,)] * 32, max_rows=4, head=0).low == 1.0).all()
 
 
 def test_thinned_vectors_are_original_samples() -> None:
-    ways = Samples(1, most=32, head=8)
+    ways = Samples(1, max_rows=32, head=8)
     for i in range(5_000):
         ways.add(float(i), (complex(i, -i),))
-    time, rows = ways.taken(0.0)
+    time, rows = ways.rows(0.0)
     assert len(time) <= 32
     assert (rows[:, 0].real == time).all()
 
 
 def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
-    spread = Quantiles(drawn=1024)
+    spread = Quantiles(max_values=1024)
     for i in range(100_000):
         spread.add(i / 100_000)
     spread.add(7.0)
     assert spread.percentile(0.5) == pytest.approx(0.5, abs=0.01)
     assert spread.percentile(0.99) == pytest.approx(0.99, abs=0.01)
-    assert (spread.count, spread.most) == (100_001, 7.0)
+    assert (spread.count, spread.maximum) == (100_001, 7.0)
     assert len(spread._values) <= 1024
 
 

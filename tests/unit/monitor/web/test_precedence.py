@@ -13,7 +13,7 @@ from formation.monitor.web.control import (
     DOUBLE_CLICK_TIME,
     MAX_SHOWN_AGE,
     UNSEEN_STOP_TIME,
-    Given,
+    GivenOrder,
     Overruled,
     Precedence,
 )
@@ -39,28 +39,28 @@ def request(do: Any) -> OperatorRequest:
     return OperatorRequest(do=do, **FIELDS.get(do, {}))
 
 
-def give(orders: Precedence, do: str, now: float, **how: Any) -> Given:
-    return orders.give(request(do), now, **how)[0]
+def give(orders: Precedence, do: str, now: float, **how: Any) -> GivenOrder:
+    return orders.accept(request(do), now, **how)[0]
 
 
-def finished(one: Given) -> Given:
-    one.going = False
+def finished(one: GivenOrder) -> GivenOrder:
+    one.sending = False
     return one
 
 
-def is_sent(one: Given) -> bool:
-    return one.going and not one.over
+def is_sent(one: GivenOrder) -> bool:
+    return one.sending and not one.overruled
 
 
 @pytest.mark.parametrize("do", STARTING)
 def test_double_click_gives_one_order(do: str) -> None:
     orders = Precedence()
-    first, new = orders.give(request(do), 0.0)
+    first, new = orders.accept(request(do), 0.0)
     assert new
-    assert orders.give(request(do), 0.3) == (first, False)
+    assert orders.accept(request(do), 0.3) == (first, False)
     finished(first)
-    assert orders.give(request(do), DOUBLE_CLICK_TIME) == (first, False)
-    assert orders.give(request(do), DOUBLE_CLICK_TIME + 0.1)[1]
+    assert orders.accept(request(do), DOUBLE_CLICK_TIME) == (first, False)
+    assert orders.accept(request(do), DOUBLE_CLICK_TIME + 0.1)[1]
 
 
 def test_request_repeated_after_another_is_new() -> None:
@@ -79,18 +79,18 @@ def test_changed_value_is_new_request_repetition_is_not(do: str, name: str, valu
     orders = Precedence()
     for number, value in enumerate(values):
         wish = OperatorRequest.model_validate({"do": do, name: value, "id": f"{number}"})
-        given, new = orders.give(wish, 0.1 * number)
+        given, new = orders.accept(wish, 0.1 * number)
         assert new
         again = wish.model_copy(update={"id": "another", "age": 0.5})
-        assert orders.give(again, 0.1 * number + 0.05) == (given, False)
+        assert orders.accept(again, 0.1 * number + 0.05) == (given, False)
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
 def test_every_repeated_stop_or_hold_is_given(rest: str) -> None:
     orders = Precedence()
-    rests = [orders.give(request(rest), 0.1 * number, click="same") for number in range(5)]
+    rests = [orders.accept(request(rest), 0.1 * number, click="same") for number in range(5)]
     assert all(new for _, new in rests)
-    assert not rests[-1][0].over
+    assert not rests[-1][0].overruled
 
 
 def test_repeated_click_takes_effect_once() -> None:
@@ -98,15 +98,15 @@ def test_repeated_click_takes_effect_once() -> None:
     first = give(orders, "release", 0.0, click="a")
     finished(first)
     finished(give(orders, "stop", 20.0, click="b"))
-    assert orders.give(request("release"), 60.0, click="a") == (first, False)
-    assert orders.give(request("release"), 60.0, click="c")[1]
+    assert orders.accept(request("release"), 60.0, click="a") == (first, False)
+    assert orders.accept(request("release"), 60.0, click="c")[1]
 
 
 def test_same_click_with_other_request_is_new() -> None:
     orders = Precedence()
     give(orders, "run", 0.0, click="a")
-    assert orders.give(request("hold"), 10.0, click="a")[1]
-    assert orders.give(request("stop"), 20.0, click="a")[1]
+    assert orders.accept(request("hold"), 10.0, click="a")[1]
+    assert orders.accept(request("stop"), 20.0, click="a")[1]
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
@@ -118,7 +118,7 @@ def test_motion_is_refused_while_stop_or_hold_is_unanswered(do: str, rest: str) 
         give(orders, do, LATER)
     assert is_sent(given)
     finished(given)
-    assert not give(orders, do, LATER).over
+    assert not give(orders, do, LATER).overruled
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
@@ -130,7 +130,7 @@ def test_motion_is_refused_just_after_late_answer(rest: str, do: str) -> None:
         give(orders, do, 3.0 + 0.5 * UNSEEN_STOP_TIME)
     with pytest.raises(Overruled, match="just now"):
         give(orders, do, 3.5 + UNSEEN_STOP_TIME, behind=1.0)
-    assert not give(orders, do, 3.5 + UNSEEN_STOP_TIME).over
+    assert not give(orders, do, 3.5 + UNSEEN_STOP_TIME).overruled
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
@@ -140,7 +140,7 @@ def test_motion_is_refused_just_after_stop_or_hold(rest: str, do: str) -> None:
     finished(give(orders, rest, 5.0))
     with pytest.raises(Overruled, match="just now"):
         give(orders, do, 5.0 + 0.9 * UNSEEN_STOP_TIME)
-    assert not give(orders, do, 5.0 + 1.1 * UNSEEN_STOP_TIME).over
+    assert not give(orders, do, 5.0 + 1.1 * UNSEEN_STOP_TIME).overruled
 
 
 def test_release_from_page_older_than_stop_is_refused() -> None:
@@ -148,7 +148,7 @@ def test_release_from_page_older_than_stop_is_refused() -> None:
     finished(give(orders, "stop", 5.0))
     with pytest.raises(Overruled, match="just now"):
         give(orders, "release", 7.5, behind=2.0)
-    assert not give(orders, "release", 7.5, behind=0.1).over
+    assert not give(orders, "release", 7.5, behind=0.1).overruled
 
 
 def test_outdated_page_may_only_stop_and_hold() -> None:
@@ -158,14 +158,14 @@ def test_outdated_page_may_only_stop_and_hold() -> None:
             with pytest.raises(Overruled, match=f"shows what was {ago}"):
                 give(orders, do, 100.0, behind=behind)
     for do in ("hold", "stop"):
-        assert not give(orders, do, 101.0, behind=12.0).over
+        assert not give(orders, do, 101.0, behind=12.0).overruled
 
 
 def test_close_ends_sending() -> None:
     orders = Precedence()
     one = give(orders, "hold", 0.0)
     orders.close()
-    assert one.over
+    assert one.overruled
 
 
 wishes = st.tuples(
@@ -182,14 +182,14 @@ def test_stop_is_always_sent_and_overrules_older_requests(
     clicks: list[tuple[str, float, bool, str, float | None]],
 ) -> None:
     orders, now, rested = Precedence(), 0.0, -100.0
-    requested: list[Given] = []
+    requested: list[GivenOrder] = []
     for do, wait, answered, click, behind in clicks:
         now += wait
         for one in requested if answered else []:
             finished(one)
         resting = any(is_sent(one) and one.request.do in RESTS for one in requested)
         try:
-            one, new = orders.give(request(do), now, click=click, behind=behind)
+            one, new = orders.accept(request(do), now, click=click, behind=behind)
         except Overruled:
             assert do not in RESTS
             continue

@@ -80,20 +80,20 @@ def test_restart_drops_earlier_history_and_events() -> None:
 def test_source_is_wanted_only_with_viewers(viewers: int) -> None:
     one = source()
     assert one.wanted is False
-    one.looking(2)
-    one.looking(viewers)
+    one.set_clients(2)
+    one.set_clients(viewers)
     assert one.wanted is (viewers > 0)
 
 
 def test_frames_events_and_restarts_wake_server_until_detached() -> None:
     one, woken = source(), []
     one.show({}, SEEN)  # no server is attached yet
-    one.wakes(lambda: woken.append(1))
+    one.set_wake(lambda: woken.append(1))
     one.show({}, SEEN)
     one.note(happened(1))
     one.restart()
     assert len(woken) == 3
-    one.wakes(None)
+    one.set_wake(None)
     one.show({}, SEEN)
     assert len(woken) == 3
 
