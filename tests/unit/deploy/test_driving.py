@@ -270,7 +270,9 @@ def test_driver_accepts_smaller_token_only_from_another_process() -> None:
 
 def test_reply_without_token_does_not_let_driver_begin_again() -> None:
     remote = Remote(PATROL, "driver-1")
-    remote.process_replies([replied("leader", 900), replied("leader", 0, reason="another mission")], 1.0, 1.01)
+    remote.process_replies(
+        [replied("leader", 900), replied("leader", 0, reason="another mission")], 1.0, 1.01
+    )
     assert json_message.decode(OperatorRequest, remote.request(0.1, 0.0, 1.02)[1]).token == 900
 
 
