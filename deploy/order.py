@@ -46,7 +46,7 @@ DEFAULT_MISSION = "six_robots"
 class Verb(NamedTuple):
     """An order on the command line."""
 
-    values: dict[str, str]
+    arguments: dict[str, str]
     """Values of the request, with their names in the help."""
     help: str
 
@@ -174,7 +174,7 @@ def _print_outcome(options: argparse.Namespace, mission: Mission, outcome: Outco
 
 
 def _options() -> argparse.ArgumentParser:
-    typed = {do: " ".join([do, *verb.values.values()]) for do, verb in VERBS.items()}
+    typed = {do: " ".join([do, *verb.arguments.values()]) for do, verb in VERBS.items()}
     orders = [f"  {typed[do]:<18}{verb.help}" for do, verb in VERBS.items()]
     options = parser("order", SUMMARY + "\n".join(orders) + EPILOGUE, EXAMPLES)
     options.usage = "formation order [options] MISSION ORDER"
@@ -211,12 +211,12 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
         return _request_for(mission, do, _gains(given))
     if given and do in MOTION:
         raise Refusal(_takes_nothing_more(do, given, f"formation order MISSION {do}"))
-    if len(given) != len(verb.values):
-        takes = " and ".join(verb.values.values()) or "nothing more"
+    if len(given) != len(verb.arguments):
+        takes = " and ".join(verb.arguments.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
     what = {
         name: READERS[name](text) if name in READERS else _number(f"{do} {label}", text)
-        for (name, label), text in zip(verb.values.items(), given, strict=True)
+        for (name, label), text in zip(verb.arguments.items(), given, strict=True)
     }
     return _request_for(mission, do, what)
 

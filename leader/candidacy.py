@@ -201,10 +201,7 @@ class Candidacy:
         }
 
     def _votes_count(self, robot: str, attachment: PositionAttachment, arrived: float) -> bool:
-        """Note the publisher; return whether its votes count: just after a change of publisher they do not.
-
-        Raises BadMessage for a repeated or late message.
-        """
+        """Note the publisher; return whether its votes count, as they do not just after a change of it."""
         known = self._publishers.get(robot)
         if known is None or known.id != attachment.publisher_id:
             known = Publisher(attachment.publisher_id, attachment.count, arrived)
@@ -219,7 +216,6 @@ class Candidacy:
         return arrived - known.since >= self._in_takeovers(VOTE_BOUND_TIME)
 
     def _count_vote(self, robot: str, attachment: PositionAttachment, arrived: float) -> None:
-        """Count a vote for this candidate's term; note one for another candidate."""
         seen, before = (attachment.voted_term, attachment.last_ballot), self._last_ballots.get(robot)
         # the first report proves nothing: a robot repeats the last ballot of a leader that died
         risen = before is not None and (
@@ -367,7 +363,6 @@ class Candidacy:
         return share * self._mission.takeover
 
     def _passed(self, since: float, share: float, now: Now) -> bool:
-        """Return whether a `share` of the takeover time has passed since `since` [s, monotonic]."""
         return now.mono - since >= self._in_takeovers(share)
 
 

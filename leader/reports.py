@@ -49,20 +49,14 @@ class OperatorRequests:
     """Operator requests of one candidate."""
 
     def __init__(
-        self,
-        name: str,
-        plan: Plan,
-        leadership: Callable[[], Leadership],
-        addressee: Addressee,
-        *,
-        alone: bool,
+        self, name: str, plan: Plan, lead: Callable[[], Leadership], addressee: Addressee, *, alone: bool
     ) -> None:
         """`alone`: it is the only candidate and will lead."""
         self.unpublished = False
         """Whether the last request is in no status yet."""
         self.notes: deque[str] = deque(maxlen=MAX_NOTES)
         """What has changed, for the log."""
-        self._name, self._plan, self._leadership, self._alone = name, plan, leadership, alone
+        self._name, self._plan, self._lead, self._alone = name, plan, lead, alone
         self._addressee = addressee
         self._once = Once()
         self._requests: list[tuple[AnsweredRequest, int]] = []  # recent ones, with their number of statuses
@@ -92,11 +86,7 @@ class OperatorRequests:
         if request.do == "drive":
             ok, reason, code = self._plan.drive(request, received)
             return self.reply(ok=ok, reason=reason, code=code, token=self._plan.driver.token(received))
-        if (
-            request.do == "run"
-            and not self._leadership().leads
-            and self._leadership().candidacy != "listening"
-        ):
+        if request.do == "run" and not self._lead().leads and self._lead().candidacy != "listening":
             # not remembered: at the next repetition it may lead, and must then obey
             return self._reply_to(self._plan.team_mode.change(request, "", leads=False))
         answer = self._once.answer(
@@ -107,7 +97,7 @@ class OperatorRequests:
         )
         # a repeated request is answered with whether it leads by now
         known = json_message.decode(OperatorReply, answer)
-        return json_message.encode(known.model_copy(update={"leads": self._leadership().leads}))
+        return json_message.encode(known.model_copy(update={"leads": self._lead().leads}))
 
     def requests(self) -> tuple[AnsweredRequest, ...]:
         """Return the requests for the next status; each stays for `STATUS_REPEATS` more."""
@@ -120,7 +110,7 @@ class OperatorRequests:
         token: int = 0,
     ) -> bytes:  # fmt: skip
         """Return the reply, encoded."""
-        lead = self._leadership()
+        lead = self._lead()
         return json_message.encode(
             OperatorReply(
                 robot=self._name,
@@ -140,7 +130,7 @@ class OperatorRequests:
 
     def _why_not_here(self, request: OperatorRequest) -> str:
         """Return why the request must go to another candidate: a standby takes only what changes motion."""
-        lead = self._leadership()
+        lead = self._lead()
         if lead.leads or request.do in {"stop", "hold", "release"}:
             return ""
         if lead.candidacy == "listening":
@@ -151,10 +141,10 @@ class OperatorRequests:
         return f"stands by; {lead.leader} leads" if lead.leader else "stands by; no candidate leads yet"
 
     def _obey(self, request: OperatorRequest, received: float) -> bytes:
-        mode = self._leadership().mode
+        mode = self._lead().mode
         result = self._plan.obey(request, self._once.fact(request, received), received)
         if result.ok:
-            now = self._leadership().mode
+            now = self._lead().mode
             change = f"{mode} to {now}" if mode != now else result.reason or now
             self.notes.append(f"the operator asked for {request.do}: {change}")
         return self._note(request, result)

@@ -37,7 +37,7 @@ from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus, RobotBuses
 from formation.transport.runtime.command_line import make_folder, needs
-from formation.transport.runtime.flags import bus_config, parser
+from formation.transport.runtime.flags import bus_config, parser, ros_domain
 from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _watch(args: argparse.Namespace, stop: Stop) -> bool:
-    """Whether all that was received is recorded, where it was to be."""
+    """Watch until told to stop; return whether the recording, if there is one, has all messages."""
     text, source = read(args.mission)
     mission = parse(text, source)
     if args.foxglove_layout is not None:
@@ -103,10 +103,10 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
         if args.foxglove is not None:
             foxglove = stack.enter_context(_foxglove(args.foxglove, mission, keys))
             _log.info("foxglove: %s", foxglove.address)
-        one = MonitorLoop(
+        loop = MonitorLoop(
             monitor, bus, recorder, truth, ros, showing, None if foxglove is None else foxglove.forward_sample
         )
-        one.declare()
+        loop.declare()
         if page is not None:
             page.start()
             _log.info("page: %s", words(args.page, page))
@@ -120,9 +120,9 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
         )
         sys.setswitchinterval(SWITCH_INTERVAL)
         gc.freeze()  # objects made so far are not scanned again
-        for pause in one.run(stop, snapshots=args.snapshots):
+        for pause in loop.run(stop, snapshots=args.snapshots):
             time.sleep(pause)
-    return _recorded_all(one)
+    return _recorded_all(loop)
 
 
 def _recorded_all(ended: MonitorLoop) -> bool:
@@ -272,16 +272,9 @@ def _flags() -> argparse.ArgumentParser:
         help="how topics are spelled there (default: as the mission's robots)",
     )
     ros.add_argument(
-        "--ros-domain", metavar="N", type=_domain, help="ROS domain (default: as the mission's robots)"
+        "--ros-domain", metavar="N", type=ros_domain, help="ROS domain (default: as the mission's robots)"
     )
     return flags
-
-
-def _domain(text: str) -> int:
-    number = int(text) if text.isdecimal() else -1
-    if not 0 <= number <= 232:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a ROS domain from 0 to 232")
-    return number
 
 
 if __name__ == "__main__":

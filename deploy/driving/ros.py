@@ -11,9 +11,8 @@ from contextlib import contextmanager
 from formation.deploy.refusal import Refusal
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig
+from formation.transport.runtime.flags import ros_domain
 
-MAX_DOMAIN = 232
-"""Greatest ROS domain id."""
 MAX_WAITING = 64
 """Most messages that wait to be read: of more the oldest are lost, as only the newest count."""
 TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -26,7 +25,7 @@ def add_router(options: argparse.ArgumentParser) -> None:
     """Add the flags that name the bridge or router, and the ROS domain."""
     options.add_argument(
         "--domain",
-        type=_domain,
+        type=ros_domain,
         metavar="ID",
         help="ROS domain of the topics with rmw_zenoh (default: ROS_DOMAIN_ID, or 0)",
     )
@@ -46,18 +45,12 @@ def topic(text: str) -> str:
     return text
 
 
-def _domain(text: str) -> int:
-    if not text.isdecimal() or int(text) > MAX_DOMAIN:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 0 to {MAX_DOMAIN}")
-    return int(text)
-
-
 def router(options: argparse.Namespace) -> tuple[str, int]:
     """Return the endpoint of the bridge or router, and the ROS domain. Raises Refusal."""
     if options.domain is not None:
         return options.ros or ROUTER, options.domain
     try:
-        return options.ros or ROUTER, _domain(os.environ.get("ROS_DOMAIN_ID") or "0")
+        return options.ros or ROUTER, ros_domain(os.environ.get("ROS_DOMAIN_ID") or "0")
     except argparse.ArgumentTypeError as error:
         raise Refusal(f"ROS_DOMAIN_ID {error}") from None
 

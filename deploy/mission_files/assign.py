@@ -28,6 +28,8 @@ from formation.slots.shape import PlacedShape
 
 MAX_COORDINATE = 100_000
 """Largest magnitude of a mission's positions on each axis [m]."""
+Lists = tuple[dict[str, tuple[str, ...]], ...]
+"""The neighbours of each robot, and its fallback neighbours."""
 EXAMPLES = """\
   formation assign my_mission.toml --dry-run           what would change, and the distance of each robot
   formation assign my_mission.toml                     the least sum of distances, written into the file
@@ -134,9 +136,8 @@ def assign(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *,
     if _rounded(aim.worth(distances, places)) >= _rounded(aim.worth(distances, own)):
         places = own
     slot_of = {name: names[place] for name, place in zip(names, places, strict=True)}
-    neighbours, fallbacks = (
-        _kept_graph(mission, slot_of) if keep_graph else _new_graph(mission, shape, slot_of)
-    )
+    graph = _kept_graph(mission, slot_of) if keep_graph else _new_graph(mission, shape, slot_of)
+    neighbours, fallbacks = graph
     return Places(
         slot_of=slot_of,
         before={name: float(distances[i, i]) for i, name in enumerate(names)},
@@ -222,7 +223,7 @@ def _rounded(worth: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(round(distance, 9) for distance in worth)
 
 
-def _kept_graph(mission: Mission, slot_of: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], ...]:
+def _kept_graph(mission: Mission, slot_of: Mapping[str, str]) -> Lists:
     """Return the mission's own graph from slot to slot."""
     taken_by = {place: name for name, place in slot_of.items()} | {mission.leader: mission.leader}
     return tuple(
@@ -265,9 +266,7 @@ def _avoids(
     return avoids
 
 
-def _new_graph(
-    mission: Mission, shape: str, slot_of: Mapping[str, str]
-) -> tuple[dict[str, tuple[str, ...]], ...]:
+def _new_graph(mission: Mission, shape: str, slot_of: Mapping[str, str]) -> Lists:
     """Return the graph for the slots of `shape`, as assigned."""
     graph = measured([0j, *(mission.slot(place, shape) for place in slot_of.values())])
     return tuple(

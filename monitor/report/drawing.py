@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import unit
 from formation.mission.model import SimulationSpec
+from formation.monitor.exporters.layout import COLOURS as PALETTE
 from formation.simulation.simulate import History
 from formation.transport.runtime.command_line import needs
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D1F")
 DASHES: tuple[Any, ...] = (
     "-", (0, (5, 1.2)), (0, (5, 1.2, 1, 1.2)), (0, (1.6, 0.9)), (0, (8, 1.5)),
     (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)),

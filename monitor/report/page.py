@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from formation.monitor.exporters import layout
 from formation.monitor.recording.channels import VERSIONS
-from formation.monitor.report import drawing, figures, summary, tables, words
+from formation.monitor.report import figures, summary, tables, words
 from formation.monitor.report.gather import Run
 from formation.monitor.report.parts import PANELS, Panel, View
 from formation.monitor.report.summary import items, notices, verdict
@@ -24,7 +25,7 @@ CARDS = (
     "answer_median", "missed", "rejected", "messages", "duration",
 )  # fmt: skip
 """Numbers shown at the top."""
-MAX_RECOLOURED_FOLLOWERS = len(drawing.PALETTE)
+MAX_RECOLOURED_FOLLOWERS = len(layout.COLOURS)
 """Most followers with colours for a dark page; with more, the figure's background stays white."""
 MAX_DIFFERENCES = 12
 """Number of differences of two missions that are listed."""

@@ -191,7 +191,7 @@ class Fleet:
         """Return another fleet in the same state, with the same mission."""
         copied = deepcopy(self, {id(self.mission): self.mission})
         for candidate in copied.candidates.values():
-            candidate.operator_requests._leadership = partial(getattr, candidate, "leadership")
+            candidate.operator_requests._lead = partial(getattr, candidate, "leadership")
         return copied
 
     def new_agent(self, name: str) -> Agent:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from formation.transport.robot_bus import RobotBus
 
 LEVELS = ("debug", "info", "warning", "error")
+MAX_ROS_DOMAIN = 232
 
 
 def parser(command: str, what: str, examples: str, *, fleet: bool = True) -> argparse.ArgumentParser:
@@ -111,6 +112,13 @@ def robot_bus(
         return RobotBus((endpoint,), Naming.of(mission.robots, [robot]), mailbox, node=node)
 
     return opened
+
+
+def ros_domain(text: str) -> int:
+    """Parse a ROS domain id on the command line. Raises ArgumentTypeError."""
+    if not text.isdecimal() or int(text) > MAX_ROS_DOMAIN:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a ROS domain from 0 to {MAX_ROS_DOMAIN}")
+    return int(text)
 
 
 def _seconds(text: str) -> float:

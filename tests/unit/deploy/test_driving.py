@@ -323,5 +323,5 @@ def test_flags_without_effect_and_excessive_limits_are_refused(arguments: str, m
 
 def test_invalid_domain_in_the_environment_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    with pytest.raises(Refusal, match="ROS_DOMAIN_ID 'many': must be a whole number"):
+    with pytest.raises(Refusal, match="ROS_DOMAIN_ID 'many': must be a ROS domain"):
         drive.main(["convoy", "--topic", "/cmd_vel"])
