@@ -120,7 +120,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "speeds": _trio("robot3:speeds=0@6+6", "robot3:speeds=1.8@6+6"),
     "restamped": _trio("robot3:restamped=1@6+6"),
     "stutter": _trio("robot3:stutter=0.4@6+8"),
-    "relative": _on("measured", "robot3:relative_frozen@6+6", "robot3:relative_late=1@6+6"),
+    "relative": _on("measured", "robot3:relative_frozen@6+8", "robot3:relative_late=1@6+6"),
     "tracked": _on(
         "tracked", "robot1:frozen@6+6", "robot1:stale=1@6+6", "robot1:kill@6+2", "robot2:carried=0.2@6+5"
     ),
