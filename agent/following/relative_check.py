@@ -13,14 +13,16 @@ the displacement, less the motion of one interval. With external poses the turn 
 for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
 
 It is contradicted if it is farther from exp(-iθ) (z - d) than the neighbour can have gone, as where its axes
-are exchanged or mirrored. That doubt lasts until an operator orders a hold. Both doubts, and how far a
-displacement has stayed the same bit for bit, outlive the agent (`RelativeMemory`).
+are exchanged or mirrored, with each delay of either odometry or displacement. That doubt lasts until an
+operator orders a hold. Both doubts, and how far a displacement has stayed the same bit for bit, outlive the
+agent (`RelativeMemory`).
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -118,6 +120,26 @@ class Leg:
     """Largest change of the displacement since [m]."""
 
 
+class Seen(NamedTuple):
+    """A displacement."""
+
+    moment: float
+    """Of the own motion that was newest then [s, monotonic]."""
+    displacement: complex
+    """From the robot's centre [m; body frame]."""
+
+
+class Course(NamedTuple):
+    """What was known when the comparison of a displacement's course began."""
+
+    seen: tuple[Seen, ...]
+    """Recent displacements, oldest first."""
+    own: tuple[Moved, ...]
+    """The robot's recent motion, oldest first."""
+    reported: complex
+    """Where the neighbour said it was [m]."""
+
+
 class RelativeDoubt(NamedTuple):
     """Why a displacement is not believed, and until when."""
 
@@ -150,7 +172,9 @@ class RelativeCheckState:
     """Since the displacement last showed motion."""
     equal: Leg = field(default_factory=Leg)
     """Since it last changed at all."""
-    course: Leg | None = None
+    seen: deque[Seen] = field(default_factory=deque)
+    """The displacements of the last `RECENT_TIME` without a gap, oldest first."""
+    course: Course | None = None
     """Since its course is compared; None while it is not."""
     missed: float = 0.0
     """Change by own motion since it first was what it is, bit for bit [m]."""
@@ -171,7 +195,7 @@ class RelativeCheck:
         """
         self.state = RelativeCheckState()
         self._name, self._offset, self._by_odometry = name, offset, by_odometry
-        self._reach = top_speed * RECENT_TIME  # it may have gone so far since it said where it is
+        self._top_speed = top_speed
 
     @property
     def memory(self) -> RelativeMemory:
@@ -203,10 +227,16 @@ class RelativeCheck:
         state.doubt, state.course, state.gaps, state.missed, state.missed_before = None, None, 0, 0.0, 0.0
 
     def saw(
-        self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
+        self,
+        displacement: complex,
+        own: OwnMotion,
+        reported: complex | None,
+        *,
+        anew: bool = False,
     ) -> None:
-        """Check a displacement [m; body frame]; `reported` is where the neighbour says it is [m].
+        """Check a displacement [m; body frame].
 
+        `reported` is where the neighbour said it was [m]; None if unknown.
         `anew`: it does not follow the one before.
         """
         state, seen, now = self.state, displacement + self._offset, tuple(own.recent)
@@ -215,7 +245,9 @@ class RelativeCheck:
                 return
             self._trust()
         if anew or state.gaps != own.gaps:
-            state.gaps, state.leg, state.course = own.gaps, Leg(first=seen, own=now, reported=reported), None
+            state.gaps, state.leg = own.gaps, Leg(first=seen, own=now, reported=reported)
+            state.course = None
+            state.seen.clear()
             state.equal, state.missed_before = Leg(first=state.equal.first, own=now), self._kept
         if seen != state.equal.first:
             state.equal, state.missed_before = Leg(first=seen, own=now), 0.0
@@ -239,34 +271,46 @@ class RelativeCheck:
         elif _is_over(leg, changed, least, now[-1]):
             state.leg = Leg(first=seen, own=now, reported=reported)
 
-    def _contradicts(self, seen: complex, recent: tuple[Moved, ...], reported: complex | None) -> bool:
-        """Doubt it if own motion and the neighbour's way cannot have brought it to `seen` [m; body frame]."""
-        leg, now = self.state.course, recent[-1]
-        if leg is None or leg.reported is None or reported is None:
-            self.state.course = Leg(first=seen, own=recent, reported=reported)
+    def _contradicts(self, seen: complex, own: tuple[Moved, ...], reported: complex | None) -> bool:
+        """Doubt it if own motion and the neighbour's way cannot have brought it to `seen` [m; body frame].
+
+        Either own motion or the displacement may be late, by up to `RECENT_TIME`.
+        """
+        state, now = self.state, own[-1]
+        state.seen.append(Seen(now.moment, seen))
+        while len(state.seen) > 1 and state.seen[1].moment <= now.moment - RECENT_TIME:
+            state.seen.popleft()
+        recent = tuple(state.seen)
+        if state.course is None or reported is None:
+            full = recent[0].moment <= now.moment - RECENT_TIME
+            state.course = Course(recent, own, reported) if full and reported is not None else None
             return False
-        then = leg.own[0]
+        course, then = state.course, state.course.own[0]
         path, turn, duration = now.path - then.path, now.turning - then.turning, now.moment - then.moment
-        pairs = zip(reversed(leg.own), reversed(recent), strict=False)
-        error = min(abs(seen - _unmoved(leg.first, *pair)) for pair in pairs)
-        limit = MAX_COURSE_ERROR + MAX_COURSE_ERROR_RATIO * (path + abs(leg.first) * turn)
-        limit += REPORTED_RATIO * abs(reported - leg.reported) + self._reach
-        if error > limit:
+        first = course.seen[-1].displacement
+        limit = MAX_COURSE_ERROR + MAX_COURSE_ERROR_RATIO * (path + abs(first) * turn)
+        limit += REPORTED_RATIO * abs(reported - course.reported)
+        limit += self._top_speed * RECENT_TIME  # it may have gone so far since
+        limit += _step(first, course.own) + _step(seen, own)
+        if all(error > limit for error in _errors(course, recent, own)):
+            distance = min(_errors(course, recent, own))
             why = Reason.of(
-                Code.RELATIVE_CONTRADICTED, robot=self._name, distance=error, duration=duration, limit=limit
+                Code.RELATIVE_CONTRADICTED,
+                robot=self._name,
+                distance=distance,
+                duration=duration,
+                limit=limit,
             )
-            self.state.doubt = RelativeDoubt(why, now.moment, seen, FAR)
+            state.doubt = RelativeDoubt(why, now.moment, seen, FAR)
             return True
         if path > COURSE_PATH or turn > COURSE_TURN or duration > FORGETTING_TIME:
-            self.state.course = Leg(first=seen, own=recent, reported=reported)
+            state.course = Course(recent, own, reported)
         return False
 
     def _change(self, leg: Leg, recent: tuple[Moved, ...]) -> float:
         """Least change of the displacement by own motion since `leg` began [m]; may be negative."""
         pairs = zip(reversed(leg.own), reversed(recent), strict=False)
-        size, old, now = abs(leg.first), recent[0], recent[-1]
-        latest = now.path - old.path + size * (now.turning - old.turning)
-        return min(self._changed(leg.first, *pair) for pair in pairs) - latest / max(1, len(recent) - 1)
+        return min(self._changed(leg.first, *pair) for pair in pairs) - _step(leg.first, recent)
 
     def _changed(self, seen: complex, then: Moved, now: Moved) -> float:
         """Change of a displacement `seen`, of what stands, by the motion from `then` to `now` [m]."""
@@ -294,6 +338,22 @@ def _unmoved(seen: complex, then: Moved, now: Moved) -> complex:
     back = then.facing.conjugate()
     way, facing = back * (now.at - then.at), back * now.facing
     return facing.conjugate() * (seen - way)
+
+
+def _step(seen: complex, recent: tuple[Moved, ...]) -> float:
+    """Greatest change of a displacement `seen` by the own motion of one interval, on average [m]."""
+    old, now = recent[0], recent[-1]
+    change = now.path - old.path + abs(seen) * (now.turning - old.turning)
+    return change / max(1, len(recent) - 1)
+
+
+def _errors(course: Course, seen: tuple[Seen, ...], own: tuple[Moved, ...]) -> Iterator[float]:
+    """Distances of a displacement from where own motion took it, with each delay of either [m]."""
+    newest, last = seen[-1].displacement, course.seen[-1].displacement
+    for then, now in zip(reversed(course.own), reversed(own), strict=False):
+        yield abs(newest - _unmoved(last, then, now))
+    for before, after in zip(reversed(course.seen), reversed(seen), strict=False):
+        yield abs(after.displacement - _unmoved(before.displacement, course.own[-1], own[-1]))
 
 
 def _is_over(leg: Leg, changed: float, least: float, now: Moved) -> bool:

@@ -250,14 +250,14 @@ Seen = Callable[[int], Any]
 class Watched:
     """A check of the displacements to one neighbour, and the robot's motion."""
 
-    def __init__(self, *, by_odometry: bool = True) -> None:
+    def __init__(self, *, by_odometry: bool = True, period: float = PERIOD) -> None:
         self.check = RelativeCheck("robot2", 0.0, 0.5, by_odometry=by_odometry)
-        self.own, self.time = OwnMotion(), 0.0
+        self.own, self.time, self.period = OwnMotion(), 0.0, period
 
     def move(self, travel: Travel | None, periods: int, seen: Seen, reported: Seen = lambda _: None) -> bool:
         """Move on for so many `periods`; return whether the sensor is doubted then."""
         for number in range(periods):
-            self.time += PERIOD
+            self.time += self.period
             self.own.add(self.time, travel)
             self.check.saw(seen(number), self.own, reported(number))
         return self.check.state.doubt is not None
@@ -359,6 +359,7 @@ WRONG_AXES: dict[str, Callable[[complex], complex]] = {
     first=st.complex_numbers(max_magnitude=5.0),
     scale=st.floats(0.9, 1.1),
     late=st.integers(0, 6),
+    own_late=st.integers(0, 6),
     reports_late=st.integers(0, 6),
     angle=st.floats(-3.2, 3.2),
 )
@@ -368,23 +369,32 @@ def test_true_displacement_is_never_contradicted(
     first: complex,
     scale: float,
     late: int,
+    own_late: int,
     reports_late: int,
     angle: float,
 ) -> None:
     """Whatever both robots do, with late messages, odometry 10 % off, and frames that differ."""
     watched, here, heading, there = Watched(), 0j, 1.0 + 0j, first
     seen, said = [first], [first]
+    went = [Travel(0.0, 0.0, 0j)] * (own_late + 1)
     for (distance, turn), way in zip(travels, ways, strict=False):
         here, heading = along(here, heading, distance, turn)
         there += way
         seen.append((there - here) * heading.conjugate())
         said.append(there)
         watched.time += PERIOD
-        watched.own.add(watched.time, Travel(scale * distance, scale * turn, scale * distance * heading))
+        went.append(Travel(scale * distance, scale * turn, scale * distance * heading))
+        watched.own.add(watched.time, went[-1 - own_late])
         shown, told = seen[max(0, len(seen) - 1 - late)], said[max(0, len(said) - 1 - reports_late)]
         watched.check.saw(shown, watched.own, rotation(angle) * told)
         doubt = watched.check.state.doubt
         assert doubt is None or doubt.why.code is not Code.RELATIVE_CONTRADICTED
+
+
+def test_displacement_between_odometry_messages_is_not_contradicted() -> None:
+    watched, turn = Watched(period=0.5), Travel(0.0, 0.6, 0j)
+    watched.move(Travel(0.0, 0.0, 0j), 5, lambda _: 2.0 + 0j, lambda _: 0j)
+    assert not watched.move(turn, 8, lambda n: 2.0 * rotation(-0.6 * (n + 1.5)), lambda _: 0j)
 
 
 @pytest.mark.parametrize("wrong", WRONG_AXES.values(), ids=WRONG_AXES)
@@ -427,6 +437,23 @@ def test_robot_with_wrong_axes_of_its_sensor_holds_until_order(wrong: Callable[[
     fleet.ask(mission.leader, "run")
     fleet.run(2.0)
     assert fleet.agents[robot].decision.state is AgentState.RUN
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("patrol", Fault("robot2", "restamped", 0.15, 0.0)),
+        *slow(("six_robots", Fault("robot3", "restamped", 0.15, 0.0))),
+        *slow(("turtlebot3_pair", Fault("robot1", "stutter", 0.35, BEGIN, 3.0))),
+    ],
+)
+def test_late_odometry_contradicts_no_displacement(name: str, fault: Fault) -> None:
+    fleet = faulty(with_robots(name, measurement="local"), fault)
+    fleet.run(3.0 if fault.since == 0.0 else BEGIN + 3.0)
+    for one in fleet.agents[fault.robot].neighbours.each.values():
+        assert one.check is not None
+        doubt = one.check.state.doubt
+        assert doubt is None or doubt.why.code is not Code.RELATIVE_CONTRADICTED
 
 
 def late_displacements(seconds: float) -> Callable[[Sample], Iterable[Sample]]:
