@@ -185,15 +185,20 @@ class Neighbour:
             self.state.reported_at = arrived
 
     def judge(self, own: OwnMotion, age_limit: float, now: Now) -> None:
-        """Judge the newest displacement, once; one over `age_limit` [s] old on arrival is not acted on."""
+        """Judge the newest displacement, once; one over `age_limit` [s] old on arrival is not acted on.
+
+        Such ones are not compared with own motion: their delay may change.
+        """
         state, stream = self.state, self.stream.state
         if self.check is None or stream.received <= state.judged:
             return
-        afresh, state.judged = stream.received - state.judged > self.stream.limit, stream.received
+        afresh = state.trust.held or stream.received - state.judged > self.stream.limit
+        state.judged = stream.received
         state.trust = trusted(state.trust, self.stream.age_on_arrival, age_limit, state.judged)
-        if stream.arrived == stream.received:
-            reported = state.reported if now.mono - state.reported_at <= self._reported_limit else None
-            self.check.saw(state.displacement, own, reported, anew=afresh)
+        if stream.arrived == stream.received and not state.trust.held:
+            age = now.mono - state.reported_at
+            reported = state.reported if age <= self._reported_limit else None
+            self.check.saw(state.displacement, own, reported, report_age=age, anew=afresh)
 
     def doubt(self, age_limit: float, now: Now) -> Reason | None:
         """Why its newest displacement is not acted on; None also if there is none."""

@@ -232,11 +232,12 @@ class RelativeCheck:
         own: OwnMotion,
         reported: complex | None,
         *,
+        report_age: float = 0.0,
         anew: bool = False,
     ) -> None:
         """Check a displacement [m; body frame].
 
-        `reported` is where the neighbour said it was [m]; None if unknown.
+        `reported` is where the neighbour said it was [m], None if unknown; that arrived `report_age` [s] ago.
         `anew`: it does not follow the one before.
         """
         state, seen, now = self.state, displacement + self._offset, tuple(own.recent)
@@ -255,7 +256,7 @@ class RelativeCheck:
         if state.missed > MAX_EQUAL_MOTION:
             self._doubt(seen, state.equal, state.missed, 0.0, now[-1])
             return
-        if self._by_odometry and self._contradicts(seen, now, reported):
+        if self._by_odometry and self._contradicts(seen, now, reported, report_age):
             return
         leg = state.leg
         changed = abs(seen - leg.first)
@@ -271,7 +272,9 @@ class RelativeCheck:
         elif _is_over(leg, changed, least, now[-1]):
             state.leg = Leg(first=seen, own=now, reported=reported)
 
-    def _contradicts(self, seen: complex, own: tuple[Moved, ...], reported: complex | None) -> bool:
+    def _contradicts(
+        self, seen: complex, own: tuple[Moved, ...], reported: complex | None, report_age: float
+    ) -> bool:
         """Doubt it if own motion and the neighbour's way cannot have brought it to `seen` [m; body frame].
 
         Either own motion or the displacement may be late, by up to `RECENT_TIME`.
@@ -290,7 +293,7 @@ class RelativeCheck:
         first = course.seen[-1].displacement
         limit = MAX_COURSE_ERROR + MAX_COURSE_ERROR_RATIO * (path + abs(first) * turn)
         limit += REPORTED_RATIO * abs(reported - course.reported)
-        limit += self._top_speed * RECENT_TIME  # it may have gone so far since
+        limit += self._top_speed * (RECENT_TIME + report_age)  # it may have gone so far since
         limit += _step(first, course.own) + _step(seen, own)
         if all(error > limit for error in _errors(course, recent, own)):
             distance = min(_errors(course, recent, own))

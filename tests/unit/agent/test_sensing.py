@@ -397,6 +397,17 @@ def test_displacement_between_odometry_messages_is_not_contradicted() -> None:
     assert not watched.move(turn, 8, lambda n: 2.0 * rotation(-0.6 * (n + 1.5)), lambda _: 0j)
 
 
+def test_neighbour_with_rare_messages_is_not_contradicted() -> None:
+    watched = Watched()
+    for number in range(200):
+        watched.time += PERIOD
+        watched.own.add(watched.time, Travel(0.0, 0.0, 0j))
+        silent = number % 40
+        seen, told = 1.0 + 0.025 * number, 0.025 * (number - silent) + 0j
+        watched.check.saw(seen, watched.own, told, report_age=silent * PERIOD)
+        assert watched.check.state.doubt is None
+
+
 @pytest.mark.parametrize("wrong", WRONG_AXES.values(), ids=WRONG_AXES)
 def test_displacement_along_wrong_axes_is_contradicted_until_order(
     wrong: Callable[[complex], complex],
