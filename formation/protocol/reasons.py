@@ -199,8 +199,9 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
         Code.RELATIVE_CONTRADICTED: "the sensor's {robot} is {distance:.2f} m from where it can be after"
-        " {duration:.1f} s by odometry; limit {limit:.2f} m: check the sensor's axes (x ahead, y to the"
-        " left) and mounting, and which robot it sees, then order hold and run",
+        " {duration:.1f} s by odometry; limit {limit:.2f} m: check whether either robot was carried, the"
+        " sensor's axes (x ahead, y to the left) and mounting, and which robot it sees, then order hold"
+        " and run",
         Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f}"
         " scans; no position to rely on from {unplaced:names}, see to them first; clear the view, or put the"
         " robot back in its place, its start pose if it has not driven; check that the scanner sends new"

@@ -78,8 +78,8 @@ ADVICE: Mapping[Code, str] = {
     Code.SCAN_FROZEN: "Check the scanner and its driver. It goes on by itself when scans change.",
     Code.RELATIVE_LATE: "Check what measures neighbours, the machine's load, and the clocks (chrony).",
     Code.RELATIVE_WAS_LATE: "Nothing; it goes on by itself when displacements come in time.",
-    Code.RELATIVE_CONTRADICTED: "Check the sensor's axes and mounting, and that it knows neighbours apart."
-    " Then `hold`, and `run`.",
+    Code.RELATIVE_CONTRADICTED: "If neither robot was carried or pushed, check the sensor's axes and"
+    " mounting, and that it knows neighbours apart. Then `hold`, and `run`.",
     Code.RELATIVE_FROZEN: "Check what measures neighbours, and the wheels. It goes on when displacements"
     " change; `hold`, then `run` makes it try again.",
     Code.SIGHT_SEARCHING: "Clear the view between the robots; compare `seen`, `scan` and start poses with"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from formation.agent.following.relative_check import MAX_EQUAL_MOTION
@@ -14,7 +16,10 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState, MotionFault
+from formation.ros2.messages import Displacement
+from formation.topics import RELATIVE
 from tests.support.examples import slow
+from tests.support.meddling import altered
 from tests.support.missions import with_robots
 from tests.support.recorded import all_alike, verify
 from tests.support.restarting import SIX, Drawer, Team, driving, turning_back
@@ -203,6 +208,22 @@ def test_own_reason_of_a_stop_outlives_restarts() -> None:
         assert team.tell("robot3", "query").ok
         assert team.status("robot3").reason.code is Code.STOP_UNKNOWN
         team.lose("robot3", 0.5)
+
+
+@pytest.mark.slow
+def test_robot_with_mirrored_sensor_stands_over_restarts() -> None:
+    team = Team(MEASURED)
+    keys = {RELATIVE.key("robot3", other) for other in MEASURED.robots["robot3"].measurable}
+
+    def mirrored(one: Displacement) -> Displacement:
+        return replace(one, displacement=one.displacement.conjugate())
+
+    meddles = {key: altered(key, Displacement, mirrored) for key in keys}
+    team.meddle = lambda one: meddles[one.key](one) if one.key in keys else (one,)
+    team.run(5.0)
+    assert team.status("robot3").reason.code is Code.RELATIVE_CONTRADICTED
+    assert path_over_restarts(team, "robot3", 2, 3.0) < 0.01
+    assert team.status("robot3").reason.code is Code.RELATIVE_CONTRADICTED
 
 
 @pytest.mark.slow

@@ -439,7 +439,9 @@ def test_robot_with_wrong_axes_of_its_sensor_holds_until_order(wrong: Callable[[
     fleet.meddle = lambda one: meddles[one.key](one) if one.key in keys else (one,)
     fleet.run(12.0)
     assert fleet.plant(robot).path < 0.8
-    assert fleet.agents[robot].decision.reason.code is Code.RELATIVE_CONTRADICTED
+    reason = fleet.agents[robot].decision.reason
+    assert reason.code is Code.RELATIVE_CONTRADICTED
+    assert "check whether either robot was carried, the sensor's axes" in str(reason)
     fleet.meddle = lambda one: (one,)
     fleet.run(5.0)
     assert fleet.agents[robot].decision.state is AgentState.HOLD
