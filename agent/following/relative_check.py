@@ -1,15 +1,15 @@
 """Does a measured displacement change as the robot moves? Own motion against the sensor, without a heading.
 
 The displacement z of a neighbour from the robot's centre [m; body frame] must change at least by what the
-robot's own motion and turn do to it, less the way that the neighbour can have gone:
+robot's own motion and turn do to it, less the distance that the neighbour can have gone:
 
     least = |exp(-iθ) (z - d) - z|  -  REPORTED_RATIO |w|
 
-with the robot's own turn θ and way d [body frame], by odometry, and the net way w that the neighbour says it
+with the robot's own turn θ and shift d [body frame], by odometry, and the net shift w that the neighbour says it
 went, of which only the size counts, so frames that differ do no harm. It is the least of several delays of
 the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
 |d| - |z θ|. A displacement is frozen if it shows less, with the tolerances of
-`formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays the same bit
+`formation.agent.pose.motion_check`; and, also where the neighbour's motion is unknown, if it stays the same bit
 for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
 
 It is contradicted if it is farther from exp(-iθ) (z - d) than the neighbour can have gone, as where its axes
@@ -39,11 +39,11 @@ from formation.protocol.reasons import Code, Reason
 RECENT_TIME = MAX_COMMAND_LOOP_DELAY
 """Longest delay of a displacement, and of what the neighbour says, that is considered [s]."""
 REPORTED_RATIO = 1.2
-"""Share of the way that a neighbour says it went that it may have gone: odometry is no more precise."""
+"""Share of the distance that a neighbour says it went that it may have gone: odometry is no more precise."""
 MAX_EQUAL_MOTION = 0.25
 """Change by own motion that a displacement may miss while it stays the same bit for bit [m]."""
 EXPLAINED_PATH = 0.3
-"""Own path after which a leg begins anew if the neighbour's way explains all of it [m]."""
+"""Own path after which a leg begins anew if the neighbour's motion explains all of it [m]."""
 MAX_COURSE_ERROR, MAX_COURSE_ERROR_RATIO = 0.15, 0.15
 """Error that noise and odometry may cause [m], and as a share of the change by own motion."""
 COURSE_PATH, COURSE_TURN = 3.0, 3.0
@@ -59,8 +59,8 @@ class Moved(NamedTuple):
 
     moment: float
     """[s, monotonic]"""
-    way: complex = 0j
-    """Net way of its centre [m; world frame]."""
+    shift: complex = 0j
+    """Net motion of its centre [m; world frame]."""
     at: complex = 0j
     """The same by dead reckoning [m; frame of the first heading]."""
     facing: complex = 1.0 + 0.0j
@@ -95,7 +95,7 @@ class OwnMotion:
         self.recent.append(
             Moved(
                 moment,
-                last.way + travel.displacement,
+                last.shift + travel.displacement,
                 at,
                 facing / abs(facing),
                 last.path + abs(travel.displacement),
@@ -275,7 +275,7 @@ class RelativeCheck:
     def _contradicts(
         self, seen: complex, own: tuple[Moved, ...], reported: complex | None, report_age: float
     ) -> bool:
-        """Doubt it if own motion and the neighbour's way cannot have brought it to `seen` [m; body frame].
+        """Doubt it if own motion and the neighbour's cannot have brought it to `seen` [m; body frame].
 
         Either own motion or the displacement may be late, by up to `RECENT_TIME`.
         """
@@ -318,7 +318,7 @@ class RelativeCheck:
     def _changed(self, seen: complex, then: Moved, now: Moved) -> float:
         """Change of a displacement `seen`, of what stands, by the motion from `then` to `now` [m]."""
         if not self._by_odometry:
-            return abs(now.way - then.way) - abs(seen) * (now.turning - then.turning)
+            return abs(now.shift - then.shift) - abs(seen) * (now.turning - then.turning)
         return abs(_unmoved(seen, then, now) - seen)
 
     def _doubt(self, seen: complex, leg: Leg, least: float, ends_beyond: float, now: Moved) -> None:
@@ -339,8 +339,8 @@ def _unmoved(seen: complex, then: Moved, now: Moved) -> complex:
     [m; body frame]
     """
     back = then.facing.conjugate()
-    way, facing = back * (now.at - then.at), back * now.facing
-    return facing.conjugate() * (seen - way)
+    shift, facing = back * (now.at - then.at), back * now.facing
+    return facing.conjugate() * (seen - shift)
 
 
 def _step(seen: complex, recent: tuple[Moved, ...]) -> float:
