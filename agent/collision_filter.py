@@ -12,7 +12,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourState, answers
+from formation.agent.following.neighbour import Neighbour, NeighbourState, answers
+from formation.agent.following.neighbours import Neighbourhood
 from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import MAX_EMPTY_TIME, MAX_OBSTACLE_DISTANCE, Scanner, ScannerState
 from formation.control.avoidance import Avoidance, Obstacle

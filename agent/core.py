@@ -15,7 +15,8 @@ from itertools import chain
 from formation.agent.collision_filter import Avoiding, AvoidingState
 from formation.agent.following.attachment import Answers, AnswersState, Availability
 from formation.agent.following.gains import Tuning, TuningState
-from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourhoodState
+from formation.agent.following.neighbour import Neighbour
+from formation.agent.following.neighbours import Neighbourhood, NeighbourhoodState
 from formation.agent.following.orders import Orders, OrdersState
 from formation.agent.following.slots import Slots, SlotsState
 from formation.agent.inbox import Inbox, InboxState, Wakefulness

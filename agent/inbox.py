@@ -16,7 +16,8 @@ from functools import partial
 
 from formation.agent.collision_filter import Avoiding
 from formation.agent.following.attachment import Answers
-from formation.agent.following.neighbours import Neighbour, Neighbourhood
+from formation.agent.following.neighbour import Neighbour
+from formation.agent.following.neighbours import Neighbourhood
 from formation.agent.following.orders import Orders
 from formation.agent.perception.perception import Perception
 from formation.agent.pose.estimator import Localisation

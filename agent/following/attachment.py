@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from formation.agent.following.neighbours import Neighbour
+from formation.agent.following.neighbour import Neighbour
 from formation.agent.pose.estimator import START_HEADING_TIME
 from formation.agent.safety.failsafe import Decision
 from formation.control.tracker import longest_delay

@@ -5,12 +5,12 @@ robot's own motion and turn do to it, less the distance that the neighbour can h
 
     least = |exp(-iθ) (z - d) - z|  -  REPORTED_RATIO |w|
 
-with the robot's own turn θ and shift d [body frame], by odometry, and the net shift w that the neighbour says it
-went, of which only the size counts, so frames that differ do no harm. It is the least of several delays of
+with the robot's own turn θ and shift d [body frame], by odometry, and the net shift w that the neighbour says
+it made, of which only the size counts, so frames that differ do no harm. It is the least of several delays of
 the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
 |d| - |z θ|. A displacement is frozen if it shows less, with the tolerances of
-`formation.agent.pose.motion_check`; and, also where the neighbour's motion is unknown, if it stays the same bit
-for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
+`formation.agent.pose.motion_check`; and, also where the neighbour's motion is unknown, if it stays the same
+bit for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
 
 It is contradicted if it is farther from exp(-iθ) (z - d) than the neighbour can have gone, as where its axes
 are exchanged or mirrored, with each delay of either odometry or displacement. That doubt lasts until an

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.agent.following.neighbours import Neighbour
+from formation.agent.following.neighbour import Neighbour
 from formation.agent.perception import pose_filter
 from formation.agent.perception.association import Candidate, Outcome, associate
 from formation.agent.perception.pose_filter import PATH_DEVIATION, Estimate, Measurement

@@ -16,7 +16,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from formation.agent.following.neighbours import Neighbour, Neighbourhood
+from formation.agent.following.neighbour import Neighbour
+from formation.agent.following.neighbours import Neighbourhood
 from formation.agent.following.orders import Orders
 from formation.agent.following.slots import Slots
 from formation.agent.pose.estimator import Localisation

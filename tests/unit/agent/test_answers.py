@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from formation.agent.following.attachment import MAX_ANSWER_DELAYS, Answers
-from formation.agent.following.neighbours import Neighbour, answers
+from formation.agent.following.neighbour import Neighbour, answers
 from formation.control.tracker import MAX_DELAY
 from formation.protocol.attachment import ReceivedPosition
 from formation.protocol.reasons import Code

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.agent.following.neighbours import Neighbour
+from formation.agent.following.neighbour import Neighbour
 from formation.agent.perception.perception import Perception
 from formation.agent.perception.pose_filter import (
     Estimate,
