@@ -179,3 +179,8 @@ def command_topic(kind: Literal["twist", "twist_stamped"]) -> Topic:
     if kind == "twist":
         return CMD_VEL
     return replace(CMD_VEL, type=CMD_VEL.alternative, alternative="")
+
+
+def action_statuses(action: str) -> str:
+    """Key on which ROS publishes how far an action is with its goals; no topic of formation."""
+    return f"{action.strip('/')}/_action/status"

@@ -26,6 +26,7 @@ from formation.protocol.request import OperatorRequest
 from formation.ros2.messages import WORLD_FRAME, GoalStatuses, Path, Pose, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits
+from formation.topics import action_statuses
 from formation.transport import asking
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal("name what to follow: --goals TOPIC, --paths TOPIC, or both")
     if options.action and not options.paths:
         raise Refusal("--action is of use with --paths only")
-    statuses = f"{options.action.strip('/')}/_action/status" if options.action else None
+    statuses = action_statuses(options.action) if options.action else None
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
     with refuse_errors(ValueError):
         intent.request_for(mission, "speed", speed=speed, degrees=0.0)
