@@ -222,7 +222,7 @@ def path(arrived: float = 0.0) -> Sample:
 
 
 def navigated(leader: Leader) -> Follower:
-    """A follower whose leader is on a path, as GOAL is active."""
+    """Return a follower; its leader is on a path, as GOAL is active."""
     follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
     list(follower.follow_messages([status((GOAL, GoalStatus.EXECUTING)), path()]))
     assert follower.follows
