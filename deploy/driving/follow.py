@@ -208,11 +208,13 @@ class Follower:
         if not self.follows:
             return why
         outcome = self._give(standing(self._mission))
+        self.follows = False
         if outcome.obeyed:
             then = "the leader stands until the next goal or path"
+        elif _driven(outcome):
+            then = "it is driven by hand"
         else:
-            then = "it is driven by hand" if _driven(outcome) else f"NOT STOPPED: {outcome.summary()}"
-        self.follows = not (outcome.obeyed or _driven(outcome))
+            self.follows, then = True, f"NOT STOPPED: {outcome.summary()}"
         self._why, self._retry_at = why if self.follows else "", monotonic() + RETRY_SECONDS
         return f"{why}\n  {then}"
 

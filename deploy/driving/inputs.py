@@ -156,8 +156,8 @@ class Twists:
     @property
     def contradict(self) -> bool:
         """Whether messages change back and forth faster than a hand, as those of two nodes do."""
-        first = self._reversals[0] if len(self._reversals) > MAX_REVERSALS else -math.inf
-        return bool(self._reversals) and self._reversals[-1] - first <= REVERSAL_SECONDS
+        times = self._reversals
+        return len(times) > MAX_REVERSALS and times[-1] - times[0] <= REVERSAL_SECONDS
 
     def velocity(self, now: float) -> Share:
         """Return the newest message's share while it counts at `now` [s, monotonic]."""

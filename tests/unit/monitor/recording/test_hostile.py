@@ -24,7 +24,7 @@ HUGE = 60 * 10**9
 def top(**about: str) -> bytes:
     text = mission_text("six_robots")[0]
     reported = {"mission": "six-robots", "mission_file": text, "law": "field", **about}
-    header = encoded(Header(profile="ros2", library="somebody else's"))
+    header = encoded(Header(profile="ros2", library="another writer"))
     return MAGIC + header + encoded(Metadata(name="formation", metadata=reported))
 
 
