@@ -184,3 +184,8 @@ def command_topic(kind: Literal["twist", "twist_stamped"]) -> Topic:
 def action_statuses(action: str) -> str:
     """Key on which ROS publishes how far an action is with its goals; no topic of formation."""
     return f"{action.strip('/')}/_action/status"
+
+
+def action_feedback(action: str) -> str:
+    """Key on which ROS publishes how an action gets on with one goal; no topic of formation."""
+    return f"{action.strip('/')}/_action/feedback"

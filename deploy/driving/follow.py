@@ -6,16 +6,15 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, suppress
 from functools import partial
 from operator import attrgetter
 from typing import NoReturn
 
-import numpy as np
-
 from formation.deploy.arguments import add_links, number, parser, read_mission
-from formation.deploy.driving.navigation import Navigation
+from formation.deploy.driving.navigation import FEEDBACK_SECONDS, Navigation
 from formation.deploy.driving.ros import add_router, listening, router, topic
+from formation.deploy.driving.waypoints import waypoints
 from formation.deploy.links import operator_bus
 from formation.deploy.refusal import Refusal, refuse_errors
 from formation.mission.file import MISSION_HELP
@@ -23,10 +22,11 @@ from formation.mission.model import Mission
 from formation.mission.route import Straight
 from formation.protocol.outcome import Outcome
 from formation.protocol.request import OperatorRequest
-from formation.ros2.messages import WORLD_FRAME, GoalStatuses, Path, Pose, decode
+from formation.ros2.goal_status import feedback_goal
+from formation.ros2.messages import GoalStatuses, decode
 from formation.stability import intent
 from formation.stability.driving import first_limits
-from formation.topics import action_statuses
+from formation.topics import action_feedback, action_statuses
 from formation.transport import asking
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
@@ -37,12 +37,6 @@ ANSWER_SECONDS = 3.0
 """Wait for the answer to an order [s]."""
 PERIOD_SECONDS = 0.1
 """Wait for messages, at most, and from one answer to the next order [s]."""
-MAX_WAYPOINTS = 300
-"""Most points of a route; of a longer path those are left out that are closest to the line between others."""
-THINNING_TOLERANCE = 0.005
-"""Least distance from that line within which points are left out [m]; doubled as often as needed."""
-MAX_TOLERANCE = 0.08
-"""Greatest such distance [m]: a path that needs more is not followed, as it would pass through obstacles."""
 EARLY_SECONDS = 0.5
 """Age up to which a path counts that came before the status of its goal [s]: they are separate topics."""
 RETRY_SECONDS = 1.0
@@ -63,9 +57,10 @@ from where it is. The answers of the leader are printed. A fleet that is held st
 `formation order MISSION run`. While a driver moves the leader by hand, and 1 s longer, it refuses
 goals and paths.
 
-With --action, paths count only while that action works at a goal, and the leader stands when the goal
-is canceled or aborted, or the link to the bridge or router is lost. Without it, the leader learns
-nothing of that: order `hold`, or send a path without points. The leader also stands after a path
+With --action, paths count only while that action works at a goal, by its status and its feedback. The
+leader stands when the goal is canceled or aborted, when the feedback is silent for 2 s, as after a crash
+of Nav2, or when the link to the bridge or router is lost. Without it, the leader learns nothing of that:
+order `hold`, or send a path without points. The leader also stands after a path
 without points, and after a goal or path that it cannot follow, until the next. It learns nothing of the
 end of this command.
 
@@ -82,18 +77,19 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal("name what to follow: --goals TOPIC, --paths TOPIC, or both")
     if options.action and not options.paths:
         raise Refusal("--action is of use with --paths only")
-    statuses = action_statuses(options.action) if options.action else None
     speed = options.speed or SPEED_SHARE * first_limits(mission).speed
     with refuse_errors(ValueError):
         intent.request_for(mission, "speed", speed=speed, degrees=0.0)
+    groups = [topics]  # on a bus each: of many messages the oldest are lost, and no status may be
+    if options.action:
+        groups += [(action_statuses(options.action),), (action_feedback(options.action),)]
     with (
         refuse_errors(BusError),
         operator_bus(options, mission, mission.candidates) as bus,
-        listening(*router(options), topics) as ros,
-        # on a bus of its own: of many paths the oldest are lost
-        listening(*router(options), (statuses,)) if statuses else nullcontext() as action,
+        ExitStack() as stack,
     ):
-        follower = Follower(partial(_give, bus, mission), mission, options.paths, speed, statuses)
+        ros, *action = [stack.enter_context(listening(*router(options), group)) for group in groups]
+        follower = Follower(partial(_give, bus, mission), mission, options.paths, speed, options.action)
         when = f", paths while {options.action} works at a goal" if options.action else ""
         print(f"formation: following {', '.join(topics)}{when}", file=sys.stderr, flush=True)
         try:
@@ -103,15 +99,18 @@ def main(arguments: Sequence[str]) -> int:
                 print(f"\nformation: the leader goes on along its route; {END}", file=sys.stderr)
 
 
-def _follow(ros: Bus, action: Bus | None, follower: Follower) -> NoReturn:
-    """Print the answers to the newest message, again and again; `action` receives the statuses."""
+def _follow(ros: Bus, action: Sequence[Bus], follower: Follower) -> NoReturn:
+    """Print the answers to the newest message, again and again.
+
+    `action` receives the statuses and the feedback, if there is one.
+    """
     linked = False
     while True:
-        (action or ros).wait(PERIOD_SECONDS)
-        samples = [sample for bus in (ros, action) if bus for sample in bus.drain()]
+        (*action, ros)[0].wait(PERIOD_SECONDS)
+        samples = [sample for bus in (ros, *action) for sample in bus.drain()]
         for words in follower.follow_messages(sorted(samples, key=attrgetter("arrived"))):
             print(words, flush=True)
-        before, linked = linked, action is not None and action.links > 0
+        before, linked = linked, bool(action) and all(bus.links > 0 for bus in action)
         if before and not linked:
             why = "the link to the ROS 2 bridge or router is lost; send the goal again"
             print(follower.doubt(why), flush=True)
@@ -128,15 +127,17 @@ class Follower:
         mission: Mission,
         paths: str | None,
         speed: float,
-        statuses: str | None = None,
+        action: str | None = None,
     ) -> None:
         """`give` sends a request and awaits the answers; `speed` in m/s.
 
-        `paths` is the topic of paths, `statuses` that of the action that works at their goals.
+        `paths` is the topic of paths, `action` the action that works at their goals.
         """
         self._give, self._mission, self._speed = give, mission, speed
         self._paths = paths.strip("/") if paths else None
-        self._statuses, self._navigation = statuses, Navigation()
+        self._statuses = action_statuses(action) if action else None
+        self._feedback = action_feedback(action) if action else None
+        self._navigation = Navigation()
         self._early: Sample | None = None
         """A path that came before its goal was active."""
         self._why, self._retry_at = "", 0.0
@@ -148,6 +149,10 @@ class Follower:
         """Take messages: every status, and of goals and paths the newest. Yields the answers in words."""
         newest = None
         for sample in samples:
+            if sample.key == self._feedback:
+                with suppress(BadMessage):  # counts as silence
+                    self._navigation.note_feedback(feedback_goal(sample.payload), sample.arrived)
+                continue
             if sample.key != self._statuses:
                 newest = sample
                 continue
@@ -157,31 +162,42 @@ class Follower:
             if worked and not self._navigation.active:  # a path from before is that of an ended goal
                 self._early = None
                 newest = newest if newest is not None and newest.key != self._paths else None
+        works = not self._statuses or self._navigation.works(monotonic())
+        yield from self._follow_newest(newest, works=works)
+        if self.follows and self._navigation.active and not works:
+            yield self.doubt(f"{self._why_idle}: see whether it runs, then send the goal again")
+        if self._why and monotonic() >= self._retry_at:
+            yield self._stand(self._why)
+
+    def _follow_newest(self, newest: Sample | None, *, works: bool) -> Iterator[str]:
+        """Take the newest goal or path, a path only if the action `works`; or an early path, which waited."""
         early, self._early = self._early, None
         if newest is None and early is not None and monotonic() - early.arrived < EARLY_SECONDS:
             newest = early
-        if newest is not None and (
-            self._navigation.active or newest.key != self._paths or not self._statuses
-        ):
+        if newest is not None and (works or newest.key != self._paths):
             yield self.follow_message(newest)
         elif newest is not None:
             if newest is not early:
-                yield f"{newest.key}: not followed, as no goal is active by {self._statuses}"
+                yield f"{newest.key}: not followed, {self._why_idle}"
             self._early = newest
-        if self._why and monotonic() >= self._retry_at:
-            yield self._stand(self._why)
+
+    @property
+    def _why_idle(self) -> str:
+        if not self._navigation.active:
+            return f"no goal is active by {self._statuses}"
+        return f"no message on {self._feedback} about the active goal for {FEEDBACK_SECONDS:g} s"
 
     def _follow_status(self, sample: Sample) -> str:
         """Take a message of the action; return what follows from it, in words."""
         try:
-            ended = self._navigation.update(decode(GoalStatuses, sample.payload))
+            ended = self._navigation.update(decode(GoalStatuses, sample.payload), sample.arrived)
         except BadMessage as error:
             return self.doubt(f"{sample.key}: {error}")
         return self._stand(f"{sample.key}: the goal was {ended}") if ended else ""
 
     def doubt(self, why: str) -> str:
         """Let the leader stand until the next goal, as this one may have ended; return the words."""
-        self._navigation.update(GoalStatuses(()))
+        self._navigation.update(GoalStatuses(()), monotonic())
         self._early = None
         return self._stand(why)
 
@@ -222,55 +238,6 @@ class Follower:
 def _driven(outcome: Outcome) -> bool:
     """Whether the leader refuses because it is driven by hand: it is on no route then."""
     return any(answer.reply.code == "driven" for answer in outcome.answers.values())
-
-
-def waypoints(sample: Sample, paths: str | None) -> list[complex]:
-    """Return the points of a goal or, on the topic `paths`, of a path [m]. Raises BadMessage."""
-    if paths is None or sample.key != paths.strip("/"):
-        goal = decode(Pose, sample.payload)
-        _check_frame(goal.frame)
-        return [goal.position]
-    path = decode(Path, sample.payload)
-    _check_frame(path.frame)
-    points = list(path.positions)
-    if not points:
-        raise BadMessage("the path has no points")
-    tolerance, whole = THINNING_TOLERANCE, points
-    while len(points) > MAX_WAYPOINTS:
-        if tolerance > MAX_TOLERANCE:
-            raise BadMessage(
-                f"the path winds too much: with {MAX_WAYPOINTS} of its {len(whole)} points, the most, a route"
-                f" is over {MAX_TOLERANCE:g} m off; plan a shorter one"
-            )
-        points, tolerance = thinned(whole, tolerance), 2.0 * tolerance
-    return points
-
-
-def thinned(points: Sequence[complex], tolerance: float) -> list[complex]:
-    """Return a path without points that are within `tolerance` [m] of it without them (Douglas-Peucker).
-
-    It ends early, within milliseconds, if more than `MAX_WAYPOINTS` are left.
-    """
-    whole, kept, open_parts = np.array(points), {0, len(points) - 1}, [(0, len(points) - 1)]
-    while open_parts and len(kept) <= MAX_WAYPOINTS:
-        first, last = open_parts.pop()
-        if last - first < 2:
-            continue
-        chord, way = whole[last] - whole[first], whole[first + 1 : last] - whole[first]
-        part = np.clip((way * chord.conjugate()).real / max(abs(chord) ** 2, 1e-12), 0.0, 1.0)
-        off = np.abs(way - part * chord)
-        farthest = int(np.argmax(off))
-        if off[farthest] > tolerance:
-            middle = first + 1 + farthest
-            kept.add(middle)
-            open_parts += [(first, middle), (middle, last)]
-    return [points[number] for number in sorted(kept)]
-
-
-def _check_frame(frame: str) -> None:
-    """Raise BadMessage for points in another frame than the world's, such as RViz's fixed frame odom."""
-    if frame.removeprefix("/") not in {"", WORLD_FRAME}:
-        raise BadMessage(f"counts in frame {frame}, must be {WORLD_FRAME}")
 
 
 def route(mission: Mission, points: Sequence[complex], speed: float) -> OperatorRequest:

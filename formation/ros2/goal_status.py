@@ -1,4 +1,4 @@
-"""action_msgs/GoalStatusArray: goals of an action, such as Nav2's navigate_to_pose, and their states."""
+"""What an action, such as Nav2's navigate_to_pose, tells of its goals: their states and its progress."""
 
 from __future__ import annotations
 
@@ -52,6 +52,12 @@ class GoalStatuses(Message):
             ros.read_stamp(source)
             statuses.append((goal, _status(source.octet())))
         return cls(tuple(statuses))
+
+
+def feedback_goal(payload: bytes) -> bytes:
+    """Return the id of the goal that a feedback message is about, of any action's type. Raises BadMessage."""
+    source = Reader(payload)
+    return bytes(source.octet() for _ in range(ID_BYTES))
 
 
 def _status(status: int) -> GoalStatus:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import cmath
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
-from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
@@ -14,16 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.deploy.driving import follow
-from formation.deploy.driving.follow import (
-    MAX_WAYPOINTS,
-    Follower,
-    route,
-    standing,
-    thinned,
-    waypoints,
-)
-from formation.deploy.driving.navigation import Navigation
+from formation.deploy.driving.follow import Follower, route, standing
+from formation.deploy.driving.navigation import FEEDBACK_SECONDS, Navigation
 from formation.deploy.driving.ros import MAX_WAITING
+from formation.deploy.driving.waypoints import waypoints
 from formation.deploy.refusal import Refusal
 from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.mission.file import load
@@ -34,6 +26,7 @@ from formation.ros2.goal_status import GoalStatus
 from formation.ros2.messages import GoalStatuses, Message, Path, Pose, encode
 from formation.transport import asking
 from formation.transport.mailbox import Mailbox
+from formation.transport.runtime.clock import monotonic
 from formation.wire import BadMessage, Sample
 
 CONVOY = load("convoy")
@@ -43,58 +36,6 @@ def test_goal_becomes_route_of_one_point() -> None:
     goal = Sample("goal_pose", encode(Pose(1.0, 2.0 + 1.0j, 1j)), None, 0.0)
     request = route(CONVOY, waypoints(goal, "/plan"), 0.1)
     assert (request.do, request.legs) == ("route", (Waypoints(waypoints=((2.0, 1.0),), speed=0.1),))
-
-
-def test_goal_or_path_in_another_frame_is_refused() -> None:
-    goal, path = Pose(1.0, 2.0 + 1.0j, 1j, frame="odom"), Path(1.0, (1.0 + 0j,), frame="base_link")
-    for key, message in (("goal_pose", goal), ("plan", path)):
-        with pytest.raises(BadMessage, match="must be map"):
-            waypoints(Sample(key, encode(message), None, 0.0), "/plan")
-
-
-def test_long_path_becomes_route_with_limited_waypoints() -> None:
-    points = tuple(cmath.rect(2.0, 0.01 * number) for number in range(700))
-    found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
-    assert len(found) <= MAX_WAYPOINTS + 1
-    assert (found[0], found[-1]) == (points[0], points[-1])
-    assert route(CONVOY, found, 0.1).legs is not None
-
-
-def test_longest_path_keeps_corners_within_tolerance() -> None:
-    side = [0.025 * number for number in range(4000)]
-    points = (*(complex(x, 0.0) for x in side), *(complex(side[-1], y) for y in side))
-    found = waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
-    assert found == [points[0], points[4000], points[-1]]
-
-
-def test_path_that_winds_too_much_is_refused() -> None:
-    """As a straight line through its ends, it would pass through obstacles."""
-    points = tuple(complex(0.02 * number, 0.5 * (number % 2)) for number in range(1000))
-    with pytest.raises(BadMessage, match="winds too much: with 300 of its 1000 points"):
-        waypoints(Sample("plan", encode(Path(1.0, points)), None, 0.0), "/plan")
-
-
-@given(
-    st.lists(st.complex_numbers(max_magnitude=50.0), min_size=1, max_size=40), st.sampled_from([0.01, 1.0])
-)
-def test_thinned_path_stays_within_tolerance(points: list[complex], tolerance: float) -> None:
-    left = thinned(points, tolerance)
-    assert (left[0], left[-1]) == (points[0], points[-1])
-    for point in points:
-        gaps = [_distance(point, a, b) for a, b in pairwise(left)] or [abs(point - left[0])]
-        assert min(gaps) <= tolerance + 1e-6
-
-
-def _distance(point: complex, a: complex, b: complex) -> float:
-    size = abs(b - a)
-    part = 0.0 if size == 0.0 else ((point - a) * ((b - a) / size).conjugate()).real / size
-    return abs(point - a - min(max(part, 0.0), 1.0) * (b - a))
-
-
-def test_path_with_poses_of_another_frame_is_refused() -> None:
-    payload = encode(Path(1.0, (0j, 1.0 + 0j), frame="lap"))
-    with pytest.raises(BadMessage, match="pose 1 is in frame lap, the path in frame map"):
-        waypoints(Sample("plan", payload.replace(b"lap", b"map", 1), None, 0.0), "/plan")
 
 
 class Leader:
@@ -209,12 +150,26 @@ def test_follow_refuses_call_without_goals_or_path() -> None:
 
 
 GOAL, NEXT_GOAL = bytes(16), bytes([1] * 16)
-STATUSES = "navigate_to_pose/_action/status"
+ACTION = "/navigate_to_pose"
+STATUSES, FEEDBACK = "navigate_to_pose/_action/status", "navigate_to_pose/_action/feedback"
 PATH = Path(1.0, (0j, 1.0 - 2j))
 
 
-def status(*statuses: tuple[bytes, GoalStatus]) -> Sample:
-    return Sample(STATUSES, encode(GoalStatuses(statuses)), None, 0.0)
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The moment, which a test may change."""
+    moment = [100.0]
+    monkeypatch.setattr(follow, "monotonic", lambda: moment[0])
+    return moment
+
+
+def status(*statuses: tuple[bytes, GoalStatus], arrived: float = 100.0) -> Sample:
+    return Sample(STATUSES, encode(GoalStatuses(statuses)), None, arrived)
+
+
+def feedback(arrived: float, goal: bytes = GOAL) -> Sample:
+    """A message as of any action: header of CDR, the goal, and what its type adds."""
+    return Sample(FEEDBACK, bytes([0, 1, 0, 0]) + goal + bytes(100), None, arrived)
 
 
 def path(arrived: float = 0.0) -> Sample:
@@ -223,12 +178,13 @@ def path(arrived: float = 0.0) -> Sample:
 
 def navigated(leader: Leader) -> Follower:
     """Return a follower; its leader is on a path, as GOAL is active."""
-    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, ACTION)
     list(follower.follow_messages([status((GOAL, GoalStatus.EXECUTING)), path()]))
     assert follower.follows
     return follower
 
 
+@pytest.mark.usefixtures("now")
 @pytest.mark.parametrize(
     ("ended", "word"),
     [
@@ -246,15 +202,13 @@ def test_leader_stands_after_goal_is_canceled(ended: GoalStatus, word: str) -> N
     assert leader.requests[-1].legs == standing(CONVOY).legs
     late = [status((GOAL, GoalStatus.EXECUTING)), path()]  # a repeated message: the goal stays ended
     (words,) = follower.follow_messages(late)
-    assert "plan: not followed, as no goal is active" in words
+    assert "plan: not followed, no goal is active" in words
     assert len(leader.requests) == 2
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_path_of_canceled_goal_is_not_followed_for_next(
-    monkeypatch: pytest.MonkeyPatch, *, together: bool
-) -> None:
-    monkeypatch.setattr(follow, "monotonic", lambda: 100.0)
+@pytest.mark.usefixtures("now")
+def test_path_of_canceled_goal_is_not_followed_for_next(*, together: bool) -> None:
     leader = Leader()
     follower = navigated(leader)
     messages = [path(100.0), status((GOAL, GoalStatus.CANCELED))]
@@ -266,12 +220,14 @@ def test_path_of_canceled_goal_is_not_followed_for_next(
     assert follower.follows
 
 
+@pytest.mark.usefixtures("now")
 def test_goal_that_action_forgets_stops_leader() -> None:
     leader = Leader()
     (words,) = navigated(leader).follow_messages([status()])
     assert "the goal was forgotten\n  the leader stands" in words
 
 
+@pytest.mark.usefixtures("now")
 @pytest.mark.parametrize("next_status", [GoalStatus.SUCCEEDED, GoalStatus.ABORTED])
 def test_leader_goes_on_after_success_or_with_next_goal(next_status: GoalStatus) -> None:
     leader = Leader()
@@ -283,12 +239,10 @@ def test_leader_goes_on_after_success_or_with_next_goal(next_status: GoalStatus)
     assert len(leader.requests) == 1
 
 
-def test_path_just_before_its_goal_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr(follow, "monotonic", lambda: now)
+def test_path_just_before_its_goal_is_followed(now: list[float]) -> None:
     leader = Leader()
-    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
-    for arrived, followed in ((now, True), (now - 0.6, False)):
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, ACTION)
+    for arrived, followed in ((now[0], True), (now[0] - 0.6, False)):
         goal = bytes([len(leader.requests) + 1] * 16)
         (words,) = follower.follow_messages([path(arrived)])
         assert "not followed" in words
@@ -297,22 +251,75 @@ def test_path_just_before_its_goal_is_followed(monkeypatch: pytest.MonkeyPatch) 
     assert len(leader.requests) == 1
 
 
-def test_leader_that_does_not_obey_is_told_again_to_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr(follow, "monotonic", lambda: now)
+def test_leader_that_does_not_obey_is_told_again_to_stand(now: list[float]) -> None:
     leader = Leader()
     follower = navigated(leader)
     leader.refuses = [True]
     (words,) = follower.follow_messages([status((GOAL, GoalStatus.CANCELED))])
     assert "the goal was canceled\n  NOT STOPPED" in words
     assert not list(follower.follow_messages([]))
-    now += 1.0
+    now[0] += 1.0
     (words,) = follower.follow_messages([])
     assert "the goal was canceled\n  the leader stands" in words
-    now += 1.0
+    now[0] += 1.0
     assert not list(follower.follow_messages([]))
 
 
+def test_silent_feedback_stops_leader_until_next_goal(now: list[float]) -> None:
+    """Nav2 has crashed, or lost the robot's pose, behind a bridge that lives."""
+    leader = Leader()
+    follower = navigated(leader)
+    for _ in range(10):
+        now[0] += 0.9 * FEEDBACK_SECONDS
+        assert not list(follower.follow_messages([feedback(now[0])]))
+    now[0] += 1.1 * FEEDBACK_SECONDS
+    (words,) = follower.follow_messages([])
+    assert f"no message on {FEEDBACK} about the active goal for 2 s" in words
+    assert "send the goal again\n  the leader stands" in words
+    again = [status((GOAL, GoalStatus.EXECUTING), arrived=now[0]), feedback(now[0]), path(now[0])]
+    (words,) = follower.follow_messages(again)
+    assert "not followed" in words
+    after = [status((NEXT_GOAL, GoalStatus.EXECUTING), arrived=now[0]), path(now[0])]
+    (words,) = follower.follow_messages(after)
+    assert "plan: to x = 1.00 m" in words
+
+
+@pytest.mark.parametrize("kind", ["of another goal", "too short"])
+def test_feedback_that_tells_nothing_of_goal_counts_as_silence(now: list[float], kind: str) -> None:
+    leader = Leader()
+    follower = navigated(leader)
+    now[0] += 1.1 * FEEDBACK_SECONDS
+    message = feedback(now[0], NEXT_GOAL)
+    if kind == "too short":
+        message = message._replace(payload=message.payload[:19])
+    (words,) = follower.follow_messages([message])
+    assert "the leader stands" in words
+
+
+def test_path_of_silent_action_is_not_followed(now: list[float]) -> None:
+    leader = Leader()
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, ACTION)
+    list(follower.follow_messages([status((GOAL, GoalStatus.EXECUTING))]))
+    now[0] += 1.1 * FEEDBACK_SECONDS
+    (words,) = follower.follow_messages([path(now[0])])
+    assert "plan: not followed, no message on" in words
+    (words,) = follower.follow_messages([feedback(now[0]), path(now[0])])
+    assert "plan: to x = 1.00 m" in words
+
+
+def test_next_goal_has_time_for_its_first_feedback(now: list[float]) -> None:
+    """The leader is still on the route to the goal before, which has been reached."""
+    leader = Leader()
+    follower = navigated(leader)
+    list(follower.follow_messages([status((GOAL, GoalStatus.SUCCEEDED))]))
+    now[0] += 5.0
+    assert not list(follower.follow_messages([status((NEXT_GOAL, GoalStatus.ACCEPTED), arrived=now[0])]))
+    now[0] += 1.1 * FEEDBACK_SECONDS
+    (words,) = follower.follow_messages([])
+    assert "the leader stands" in words
+
+
+@pytest.mark.usefixtures("now")
 def test_invalid_status_stops_leader() -> None:
     leader = Leader()
     follower = navigated(leader)
@@ -363,14 +370,16 @@ def publish(buses: list[RosBus], *samples: Sample) -> None:
 
 
 def set_out(buses: list[RosBus]) -> None:
-    publish(buses, status((GOAL, GoalStatus.EXECUTING)), path(1.0))
+    publish(buses, status((GOAL, GoalStatus.EXECUTING), arrived=monotonic()), path(monotonic()))
 
 
-def test_many_paths_push_no_status_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_messages_push_no_status_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a leader's answer takes up to 3 s, or at 1000 Hz."""
 
     def cancel(buses: list[RosBus]) -> None:
-        publish(buses, status((GOAL, GoalStatus.CANCELED)), *[path(2.0)] * 1000)
+        at = monotonic()
+        feedbacks, paths = [feedback(at)] * 1000, [path(at)] * 1000
+        publish(buses, status((GOAL, GoalStatus.CANCELED), arrived=at), *feedbacks, *paths)
 
     assert requested(monkeypatch, set_out, cancel) == [False, True]
 
@@ -384,10 +393,10 @@ def test_lost_link_to_action_stops_leader_until_next_goal(
 
     def go_on(buses: list[RosBus]) -> None:
         link(buses, 1)
-        publish(buses, status((GOAL, GoalStatus.EXECUTING)), path(2.0))
+        publish(buses, status((GOAL, GoalStatus.EXECUTING), arrived=monotonic()), path(monotonic()))
 
     def next_goal(buses: list[RosBus]) -> None:
-        publish(buses, status((NEXT_GOAL, GoalStatus.EXECUTING)), path(3.0))
+        publish(buses, status((NEXT_GOAL, GoalStatus.EXECUTING), arrived=monotonic()), path(monotonic()))
 
     turns = set_out, partial(link, links=0), go_on, next_goal
     assert requested(monkeypatch, *turns) == [False, True, False]
@@ -396,7 +405,7 @@ def test_lost_link_to_action_stops_leader_until_next_goal(
 
 def test_goals_count_without_active_action() -> None:
     leader = Leader()
-    follower = Follower(leader.give, CONVOY, "/plan", 0.1, STATUSES)
+    follower = Follower(leader.give, CONVOY, "/plan", 0.1, ACTION)
     goal = Sample("goal_pose", encode(Pose(1.0, 1.0 + 0j, 1j)), None, 0.0)
     (words,) = follower.follow_messages([path(), goal])
     assert "goal_pose: to x = 1.00 m" in words
@@ -406,7 +415,7 @@ def test_goals_count_without_active_action() -> None:
 def test_ended_goal_is_never_active_again(messages: list[dict[bytes, GoalStatus]]) -> None:
     navigation, seen, ended = Navigation(), set[bytes](), set[bytes]()
     for message in messages:
-        navigation.update(GoalStatuses(tuple(message.items())))
+        navigation.update(GoalStatuses(tuple(message.items())), 0.0)
         running = {
             goal for goal, one in message.items() if one in {GoalStatus.ACCEPTED, GoalStatus.EXECUTING}
         }
