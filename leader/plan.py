@@ -15,7 +15,7 @@ from formation.leader.driving import IDLE_SECONDS, Driver
 from formation.leader.joining import Joined, joined
 from formation.leader.relays import Relays
 from formation.leader.route import NamedRoute
-from formation.leader.shape_transition import ShapeTransition, Wish
+from formation.leader.shape_transition import OrderedShape, ShapeTransition
 from formation.mission.model import Mission
 from formation.mission.route import Leg, Straight
 from formation.protocol.attachment import MAX_SIGNED_BYTES
@@ -182,8 +182,8 @@ class Plan:
     @property
     def wanted(self) -> PlacedShape:
         """The wanted shape, with its rotation as in an order."""
-        wish = self.shape_transition.wish
-        return PlacedShape(((wish.shape, 1.0),), wish.rotation, wish.scale)
+        ordered = self.shape_transition.ordered
+        return PlacedShape(((ordered.shape, 1.0),), ordered.rotation, ordered.scale)
 
     def where(self, ahead: float = 0.0) -> complex:
         """Return the leader's position [m; world frame] `ahead` [s] after the newest step if it runs on."""
@@ -268,7 +268,7 @@ class Plan:
     @property
     def in_force(self) -> tuple[object, ...]:
         """What operators have ordered; a change is published at once."""
-        return self.team_mode.mode, self.shape_transition.wish, self.route.id, self.tuned
+        return self.team_mode.mode, self.shape_transition.ordered, self.route.id, self.tuned
 
     def _fenced(self, dt: float) -> Breach | None:
         """Return what would leave the bounds in `dt` [s] and `BOUNDS_STOP_TIME` more."""
@@ -277,8 +277,8 @@ class Plan:
         facing, turned = self.route.heading(self.route_time), self.route.heading(time)
         if here == there and facing == turned:
             return None
-        placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
-        if self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
+        placed_shape, ordered = self.shape_transition.placed_shape, self.shape_transition.ordered
+        if self._fence.clear_of(there, max(placed_shape.scale, ordered.scale)):
             return None
         now = self._fence.breach(self.shape_transition.ahead(facing), here, self._fence.clearance)
         then = self._fence.breach(self.shape_transition.ahead(turned), there, self._fence.clearance)
@@ -321,8 +321,8 @@ class Plan:
     def _restore_shape(self, order: Order) -> None:
         acceptable = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
         self.tuned = order.tuned if acceptable else None
-        wish = Wish(order.shape, order.rotation, order.scale)
-        self.shape_transition = ShapeTransition(self._mission, PlacedShape.of(order), wish, self._speed)
+        ordered = OrderedShape(order.shape, order.rotation, order.scale)
+        self.shape_transition = ShapeTransition(self._mission, PlacedShape.of(order), ordered, self._speed)
 
     def order(self, term: int, beat: int, mode: Mode) -> Order:
         """Return the order to publish; without the motion, if it would be too long to be signed."""
@@ -334,14 +334,14 @@ class Plan:
         return whole if fits else self._order(term, beat, mode, None)
 
     def _order(self, term: int, beat: int, mode: Mode, motion: Motion | None) -> Order:
-        wish = self.shape_transition.wish
+        ordered = self.shape_transition.ordered
         return Order(
             term=term,
             beat=beat,
             mode=mode,
-            shape=wish.shape,
-            rotation=wish.rotation,
-            scale=wish.scale,
+            shape=ordered.shape,
+            rotation=ordered.rotation,
+            scale=ordered.scale,
             slots=None
             if self.shape_transition.arrived and not self._mission.turning
             else slots_of(self.shape_transition.placed_shape),
@@ -437,13 +437,13 @@ class Plan:
         return f"{gains.words}: {why}; the route is at {speed:g} m/s, order a lower speed first"
 
     def _change_shape(self, request: OperatorRequest) -> tuple[bool, str]:
-        before = self.shape_transition.wish
-        placed_shape = intent.wish(request, self.wanted)
+        before = self.shape_transition.ordered
+        placed_shape = intent.ordered_shape(request, self.wanted)
         shape = before.shape if request.shape is None else request.shape
         if placed_shape is None or shape not in self._mission.shapes:
             return False, intent.refusal(self._mission, request, self.wanted) or "no such shape"
-        wish = Wish(shape, placed_shape.rotation, placed_shape.scale)
-        path = self.shape_transition.plan_path(wish, self._speed)
+        ordered = OrderedShape(shape, placed_shape.rotation, placed_shape.scale)
+        path = self.shape_transition.plan_path(ordered, self._speed)
         if not self.shape_transition.fits_order(path):
             return False, f"still changing for {self.shape_transition.remaining:.1f} s: ask again then"
         placed_shapes = self.shape_transition.placed_shapes(path)
@@ -452,13 +452,13 @@ class Plan:
         ) or self._leaves_later(placed_shape)
         if why is not None:
             return False, why
-        changes = wish != before or not self.shape_transition.arrived
-        self.shape_transition.follow(wish, path)
-        what = f"in shape {wish.shape}"
+        changes = ordered != before or not self.shape_transition.arrived
+        self.shape_transition.follow(ordered, path)
+        what = f"in shape {ordered.shape}"
         if request.do == "rotate":
-            what = f"turned by {math.degrees(wish.rotation):.4g}°"
+            what = f"turned by {math.degrees(ordered.rotation):.4g}°"
         elif request.do == "scale":
-            what = f"at scale {wish.scale:.4g}"
+            what = f"at scale {ordered.scale:.4g}"
         if not changes:
             return True, what
         running = "" if self.team_mode.mode == "run" else " of running"

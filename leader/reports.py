@@ -221,7 +221,7 @@ def _leader_fields(leader: Leader) -> dict[str, Any]:
     return {
         "at_bounds": plan.fenced is not None,
         "waits_for": plan.waits_for,
-        "shape": plan.shape_transition.wish.shape,
+        "shape": plan.shape_transition.ordered.shape,
         "share": {shape: round(share, 4) for shape, share in placed_shape.mix if share > 0.0},
         "rotation": round(placed_shape.rotation, 6),
         "scale": round(placed_shape.scale, 6),

@@ -1,12 +1,12 @@
 """Move the shape to the wanted one, smoothly and within the followers' limits.
 
 The state of a shape is q: each shape's share, the rotation, the scale. A reference point c, the *carrot*,
-moves straight and at a constant rate to each new wish; q is its mean over the last τ,
+moves straight and at a constant rate to each ordered shape; q is its mean over the last τ,
 
     q(φ) = 1/τ ∫_{φ-τ}^{φ} c(s) ds.
 
 So q and its velocity are continuous, q never leaves the shapes' convex hull, and arrives exactly τ after the
-carrot. A new wish only gives the carrot another direction. φ is the transition's own time: it passes at most
+carrot. A new order only gives the carrot another direction. φ is the transition's own time: it passes at most
 as fast as the clock's, and slower where a slot would otherwise be faster than its limit s_i (`_max_speeds`):
 with the leader's velocity v, |ż_i| ≤ s_i gives |v + ż_i| ≤ |v| + s_i for every follower, in any direction of
 both.
@@ -48,7 +48,7 @@ TURN_SAMPLES = 5
 _HALVINGS = 24
 
 
-class Wish(NamedTuple):
+class OrderedShape(NamedTuple):
     """The wanted shape."""
 
     shape: str
@@ -102,32 +102,34 @@ class Path(NamedTuple):
 class ShapeTransition:
     """The shape of a mission, and its motion to the wanted shape."""
 
-    def __init__(self, mission: Mission, placed_shape: PlacedShape, wish: Wish, speed: float = 0.0) -> None:
-        """Move from `placed_shape` to `wish`, with the leader at this `speed` [m/s]."""
+    def __init__(
+        self, mission: Mission, placed_shape: PlacedShape, ordered: OrderedShape, speed: float = 0.0
+    ) -> None:
+        """Move from `placed_shape` to `ordered`, with the leader at this `speed` [m/s]."""
         self._mission = mission
         self._shapes = tuple(mission.shapes)
         self._drawn: ComplexArray = np.array(
             [[mission.slot(name, shape) for name in mission.followers] for shape in self._shapes]
         )
         self._top: FloatArray = np.array([mission.robots[name].max_speed for name in mission.followers])
-        self.wish = wish
+        self.ordered = ordered
         """The wanted shape."""
         # turn with the leader's heading so far [rad], and its rate [rad/s]
-        self._turn = placed_shape.rotation - wish.rotation if mission.turning else 0.0
+        self._turn = placed_shape.rotation - ordered.rotation if mission.turning else 0.0
         self._turn_rate = 0.0
         shares = dict(placed_shape.mix)
         q = np.array([shares.get(shape, 0.0) for shape in self._shapes] + [0.0, placed_shape.scale])
-        q[-2] = wish.rotation if mission.turning else placed_shape.rotation
+        q[-2] = ordered.rotation if mission.turning else placed_shape.rotation
         self._time, self._pace = 0.0, 1.0
         self._path = Path((0.0,), (q,))
-        target = self._target(wish)
+        target = self._target(ordered)
         if not np.array_equal(target, q):
-            self._path = self.plan_path(wish, speed)
+            self._path = self.plan_path(ordered, speed)
 
     @classmethod
     def first(cls, mission: Mission) -> ShapeTransition:
         """Return a transition that rests in the mission's first shape."""
-        return cls(mission, PlacedShape.first(mission), Wish(mission.first_shape))
+        return cls(mission, PlacedShape.first(mission), OrderedShape(mission.first_shape))
 
     @property
     def arrived(self) -> bool:
@@ -144,9 +146,9 @@ class ShapeTransition:
         """Where the slots are."""
         return self._placed_shape(self._at(self._time), self._turn)
 
-    def plan_path(self, wish: Wish, speed: float) -> Path:
-        """Return the path from the current shape to `wish` with the leader at this speed [m/s]."""
-        begin, target = self._path.carrot(self._time), self._target(wish)
+    def plan_path(self, ordered: OrderedShape, speed: float) -> Path:
+        """Return the path from the current shape to `ordered` with the leader at this speed [m/s]."""
+        begin, target = self._path.carrot(self._time), self._target(ordered)
         return self._path.extended(self._time, target, self._duration(begin, target, speed))
 
     def placed_shapes(self, path: Path) -> list[PlacedShape]:
@@ -169,9 +171,9 @@ class ShapeTransition:
         mixed = [shape for shape, share in zip(self._shapes, shares, strict=True) if share > 0.0]
         return len(mixed) <= MAX_MIXED_SHAPES and (len(mixed) <= 2 or len("".join(mixed)) <= MAX_MIX_CHARS)
 
-    def follow(self, wish: Wish, path: Path) -> None:
-        """Follow `path` from now on, which `plan_path` gave for `wish`."""
-        self.wish, self._path = wish, path
+    def follow(self, ordered: OrderedShape, path: Path) -> None:
+        """Follow `path` from now on, which `plan_path` gave for `ordered`."""
+        self.ordered, self._path = ordered, path
 
     def advance(self, dt: float, share: float, speed: float, heading: complex, turn_rate: float) -> None:
         """Advance by `dt` [s], of which the transition may use a `share`.
@@ -231,11 +233,11 @@ class ShapeTransition:
         fastest = np.max(np.abs(np.diff(slots, axis=0)), axis=0) * (TRANSITION_SAMPLES - 1)
         return max(float(np.max(fastest / self._max_speeds(speed), initial=0.0)), 1e-3)
 
-    def _target(self, wish: Wish) -> FloatArray:
-        shares = [1.0 if shape == wish.shape else 0.0 for shape in self._shapes]
+    def _target(self, ordered: OrderedShape) -> FloatArray:
+        shares = [1.0 if shape == ordered.shape else 0.0 for shape in self._shapes]
         before = float(self._path.carrot(self._time)[-2])
-        shortest = math.remainder(wish.rotation - before, math.tau)
-        return np.array([*shares, before + shortest, wish.scale])
+        shortest = math.remainder(ordered.rotation - before, math.tau)
+        return np.array([*shares, before + shortest, ordered.scale])
 
     def _slots(self, q: FloatArray, turn: float) -> ComplexArray:
         """Return all followers' slots relative to the leader [m; world frame]."""

@@ -95,7 +95,7 @@ def refusal(
     if request.legs is not None:
         why = _route(mission, request.legs, gains)
         return why if why or placed_shape is None else swings_too_fast(mission, placed_shape, request.legs)
-    wanted = None if placed_shape is None else wish(request, placed_shape)
+    wanted = None if placed_shape is None else ordered_shape(request, placed_shape)
     if placed_shape is None or wanted is None:
         return _small_in_any_shape(mission, request.factor) if placed_shape is None else None
     transition = transition or straight(placed_shape, wanted)
@@ -126,7 +126,7 @@ def leaves(
     return None, f"stops at the bounds in {after:.3g} s, where {first.words}"
 
 
-def wish(request: OperatorRequest, placed_shape: PlacedShape) -> PlacedShape | None:
+def ordered_shape(request: OperatorRequest, placed_shape: PlacedShape) -> PlacedShape | None:
     """The shape that `request` makes of the wanted `placed_shape`; None if it changes none."""
     if request.do == "shape" and request.shape is not None:
         return placed_shape._replace(mix=((request.shape, 1.0),))

@@ -91,12 +91,12 @@ def _formation(snapshot: Snapshot) -> Iterator[Metric]:
 
 def _shape(snapshot: Snapshot) -> Iterator[Metric]:
     """Yield the wanted shape and the current one."""
-    wish, now = snapshot.wish, snapshot.placed_shape
+    ordered, now = snapshot.ordered, snapshot.placed_shape
     rotation = "counter-clockwise; of a shape that turns with the leader, from its heading"
     mix = {(shape,): part for shape, part in now.mix}
     yield _gauges("shape", "1 for the shape in force", ["shape"], {(snapshot.shape,): 1.0})
-    yield _gauge("rotation_radians", f"Ordered rotation, {rotation}", wish.rotation if wish else None)
-    yield _gauge("scale_ratio", "Ordered scale", wish.scale if wish else None)
+    yield _gauge("rotation_radians", f"Ordered rotation, {rotation}", ordered.rotation if ordered else None)
+    yield _gauge("scale_ratio", "Ordered scale", ordered.scale if ordered else None)
     yield _gauge("shape_rotation_radians", "Rotation by now, from the world's x", now.rotation)
     yield _gauge("shape_scale_ratio", "Scale by now", now.scale)
     yield _gauges("shape_share_ratio", "Share of a shape in the present mix", ["shape"], mix)

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from formation.mission.model import Mission
 from formation.monitor.metrics.event import ERROR, INFO, WARNING, Event, RateLimit, Reported
 from formation.monitor.metrics.feed import freshness_limit
-from formation.monitor.metrics.orders import Lead, Wish
+from formation.monitor.metrics.orders import Lead, OrderedMotion
 from formation.monitor.metrics.snapshot import (
     AVOIDING,
     SIGHT,
@@ -228,11 +228,13 @@ class _Settled:
             return
         bound = f"{self._bound * 1e3:.0f} mm"
         if self._stands:
-            after = snapshot.settling_time if snapshot.wished_at else None
-            wished = "" if after is None else f", {after:.1f} s after what was ordered last"
+            after = snapshot.settling_time if snapshot.ordered_at else None
+            after_order = "" if after is None else f", {after:.1f} s after what was ordered last"
             # it may touch the bound just when this is reported
             since = "" if snapshot.settled_at is None else f" since {snapshot.settled_at:.1f} s"
-            yield Event(now.wall, INFO, "", "settled", f"under the bound of {bound}{since}{wished}{more}")
+            yield Event(
+                now.wall, INFO, "", "settled", f"under the bound of {bound}{since}{after_order}{more}"
+            )
             return
         known, level, text = snapshot.known, WARNING, "the error is not known"
         if not snapshot.formed:
@@ -281,16 +283,16 @@ def silence_limit(rate: float) -> float:
     return max(LOST_SILENCE, freshness_limit(rate))
 
 
-def wish_in_words(wish: Wish) -> str:
-    """Return the wish in words; rotation and scale are left out if they are as drawn."""
-    parts = [f"shape {wish.shape}"]
-    if wish.rotation:
-        parts.append(f"turned by {math.degrees(wish.rotation):.4g}°")
-    if wish.scale != 1.0:
-        parts.append(f"{wish.scale:.4g} times as large")
-    if wish.route:
-        driven = wish.route == DRIVEN_ROUTE
-        parts.append("driven by hand" if driven else f"on ordered route {wish.route[:ROUTE_ID_CHARS]}")
+def ordered_in_words(ordered: OrderedMotion) -> str:
+    """Return the order in words; rotation and scale are left out if they are as drawn."""
+    parts = [f"shape {ordered.shape}"]
+    if ordered.rotation:
+        parts.append(f"turned by {math.degrees(ordered.rotation):.4g}°")
+    if ordered.scale != 1.0:
+        parts.append(f"{ordered.scale:.4g} times as large")
+    if ordered.route:
+        driven = ordered.route == DRIVEN_ROUTE
+        parts.append("driven by hand" if driven else f"on ordered route {ordered.route[:ROUTE_ID_CHARS]}")
     return ", ".join(parts)
 
 
@@ -336,9 +338,9 @@ class _Leading:
                 yield Event(now.wall, INFO if one.ok else WARNING, one.name, "requested", text)
 
     def _order_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
-        if snapshot.mode is None or snapshot.wish is None:
+        if snapshot.mode is None or snapshot.ordered is None:
             return
-        ordered = f"{snapshot.mode}, {wish_in_words(snapshot.wish)}"
+        ordered = f"{snapshot.mode}, {ordered_in_words(snapshot.ordered)}"
         if snapshot.tuned:
             ordered += f", {snapshot.tuned.words}"
         if (more := self._order.report(ordered, now.mono)) is not None:
@@ -346,7 +348,7 @@ class _Leading:
             yield Event(now.wall, level, "", "order", f"the leader orders {ordered}{more}")
         more = self._formed.report("formed" if snapshot.formed else "on its way", now.mono)
         if more is not None and snapshot.formed:
-            took = snapshot.elapsed - snapshot.wished_at
+            took = snapshot.elapsed - snapshot.ordered_at
             text = f"the slots are where they are wanted, {took:.1f} s after that was ordered{more}"
             yield Event(now.wall, INFO, "", "formed", text)
 

@@ -16,7 +16,7 @@ from functools import partial
 from formation.mission.model import Mission
 from formation.monitor.metrics.feed import finite, freshness_limit
 from formation.monitor.metrics.keys import Watched, watched
-from formation.monitor.metrics.orders import Orders, Wish
+from formation.monitor.metrics.orders import OrderedMotion, Orders
 from formation.monitor.metrics.received import Received, ReceivedOfRobot
 from formation.monitor.metrics.settling import KnownError, KnownSettling, Settling
 from formation.monitor.metrics.snapshot import Edge, Snapshot
@@ -152,8 +152,8 @@ class Metrics:
             rejected=dict(self.rejections.by_reason),
             contested=frozenset(name for robot in self._robots.values() for name in robot.contested(now)),
             forgers=frozenset(name for robot in self._robots.values() for name in robot.forgers(now)),
-            wish=Wish.of(ordered) if ordered else None,
-            wished_at=self._settling.wished_at,
+            ordered=OrderedMotion.of(ordered) if ordered else None,
+            ordered_at=self._settling.ordered_at,
             placed_shape=self.orders.placed_shape,
             formed=self.orders.formed,
             tuned=ordered.tuned if ordered else None,

@@ -17,7 +17,7 @@ from formation.protocol.order import Order, newer
 from formation.slots.shape import PlacedShape
 from formation.wire import BadMessage, Now
 
-WISH_TOLERANCE = 1e-6
+ORDERED_TOLERANCE = 1e-6
 """Tolerance of a share, a scale or a rotation [rad] that counts as the wanted one."""
 MAX_HEADING_LAG = 0.1
 """Largest lag of a shape that turns with its leader and counts as arrived [rad]."""
@@ -25,8 +25,8 @@ MAX_CACHED_SLOTS = 8
 """Number of shapes with cached slots."""
 
 
-class Wish(NamedTuple):
-    """The shape, rotation, scale and route that are wanted. With a new wish it has to settle again."""
+class OrderedMotion(NamedTuple):
+    """The shape, rotation, scale and route that are wanted. With another it has to settle again."""
 
     shape: str
     rotation: float
@@ -35,8 +35,8 @@ class Wish(NamedTuple):
     route: str
 
     @classmethod
-    def of(cls, order: Order) -> Wish:
-        """Return the wish of `order`."""
+    def of(cls, order: Order) -> OrderedMotion:
+        """Return what `order` wants."""
         return cls(order.shape, order.rotation, order.scale, order.route)
 
 
@@ -75,7 +75,7 @@ class Orders:
 
     @property
     def formed(self) -> bool:
-        """Whether the shape has reached the newest wish."""
+        """Whether the shape has reached the newest order."""
         return self.formed_since < math.inf
 
     def admit(self, order: Order, arrived: float, wall: float) -> bool:
@@ -91,7 +91,7 @@ class Orders:
         return True
 
     def process_order(self, order: Order, moment: float, arrived: float, wall: float) -> bool:
-        """Take an admitted order of `moment` [s, our system clock]; return whether its wish is new.
+        """Take an admitted order of `moment` [s, our system clock]; return whether it wants something new.
 
         It arrived at `arrived` [s, monotonic], that is `wall` [s, our system clock].
         """
@@ -105,7 +105,7 @@ class Orders:
             return False
         self.newest = order
         self._placed_shapes.append((moment, PlacedShape.of(order)))
-        another = before is not None and Wish.of(before) != Wish.of(order)
+        another = before is not None and OrderedMotion.of(before) != OrderedMotion.of(order)
         there = _there(order, self._mission)
         if another or (before is None and not there):
             self.formed_since = math.inf
@@ -140,13 +140,13 @@ def _there(order: Order, mission: Mission) -> bool:
     """Return whether the shape is the wanted one."""
     if order.slots is None:
         return True
-    if order.slots.mix.get(order.shape, 0.0) < 1.0 - WISH_TOLERANCE:
+    if order.slots.mix.get(order.shape, 0.0) < 1.0 - ORDERED_TOLERANCE:
         return False
-    if abs(order.slots.scale - order.scale) > WISH_TOLERANCE:
+    if abs(order.slots.scale - order.scale) > ORDERED_TOLERANCE:
         return False
     ahead = order.place.heading if mission.turning and order.place else 0.0
     behind = math.remainder(order.slots.rotation - order.rotation - ahead, math.tau)
-    return abs(behind) <= (MAX_HEADING_LAG if mission.turning else WISH_TOLERANCE)
+    return abs(behind) <= (MAX_HEADING_LAG if mission.turning else ORDERED_TOLERANCE)
 
 
 def leader_of(mission: Mission, term: int) -> str:

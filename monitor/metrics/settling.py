@@ -32,20 +32,20 @@ class Settling:
         """Time of the newest complete error."""
         self.error: float | None = None
         """The newest complete error [m]."""
-        self.wished = -math.inf
-        """When the wish last changed."""
+        self.ordered = -math.inf
+        """When what is ordered last changed."""
         self._threshold = threshold
         self._max_gap = max(MAX_UNKNOWN_TIME, longest_silence)
         self._under_since: float | None = None
 
     @property
-    def wished_at(self) -> float:
-        """Seconds from the start to the newest wish; 0 if that was before."""
-        return 0.0 if self.start is None else max(self.wished - self.start, 0.0)
+    def ordered_at(self) -> float:
+        """Seconds from the start to the newest order; 0 if that was before."""
+        return 0.0 if self.start is None else max(self.ordered - self.start, 0.0)
 
     def restart(self, at: float) -> None:
-        """Start again at `at`: the wish has changed and the formation has to settle again."""
-        self.wished, self._under_since = at, None
+        """Start again at `at`: what is ordered has changed and the formation has to settle again."""
+        self.ordered, self._under_since = at, None
 
     def observe(self, at: float, error: float, *, formed: bool = True) -> None:
         """Take the complete formation error [m] of a moment later than the one before.
@@ -58,7 +58,7 @@ class Settling:
             self._under_since = None
         if not formed:
             self._under_since = None
-        elif error < self._threshold and self._under_since is None and at >= self.wished:
+        elif error < self._threshold and self._under_since is None and at >= self.ordered:
             self._under_since = at
         self.last, self.error = at, error
 
@@ -166,7 +166,7 @@ class KnownSettling:
         self._recent: deque[tuple[float, KnownError]] = deque()
 
     def restart(self, at: float) -> None:
-        """Start again at `at`: the wish has changed."""
+        """Start again at `at`: what is ordered has changed."""
         self._settling.restart(at)
 
     def observe(self, at: float, known: KnownError, *, formed: bool) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from formation.monitor.metrics.orders import Lead, Wish
+from formation.monitor.metrics.orders import Lead, OrderedMotion
 from formation.monitor.metrics.settling import KnownError, KnownVerdict
 from formation.protocol.order import Mode, Tuned
 from formation.slots.shape import PlacedShape
@@ -144,7 +144,7 @@ class Snapshot:
     formation_error_true: float | None
     """The same from ground truth."""
     settled_at: float | None
-    """When, in time of `elapsed`, the newest wish's error fell below the mission's bound for good [s]."""
+    """When, in time of `elapsed`, the error after the newest order fell below the bound for good [s]."""
     converged: bool
     """Whether it has stayed there for the dwell time."""
     final_error: float | None
@@ -164,14 +164,14 @@ class Snapshot:
     """Robots with a second publisher, by their neighbours' statuses or their own positions."""
     forgers: frozenset[str]
     """Robots that lately relayed forged orders, by other robots' statuses."""
-    wish: Wish | None
-    """The newest wish; None before the first order."""
-    wished_at: float
-    """When, in time of `elapsed`, the wish last changed [s]; 0 if it never did."""
+    ordered: OrderedMotion | None
+    """What is ordered; None before the first order."""
+    ordered_at: float
+    """When, in time of `elapsed`, that last changed [s]; 0 if it never did."""
     placed_shape: PlacedShape
     """The current shape with rotation and scale."""
     formed: bool
-    """Whether the shape has reached the newest wish."""
+    """Whether the shape has reached what is ordered."""
     tuned: Tuned | None
     """Gains of the law that replace the mission's."""
     lead: Lead | None
@@ -202,5 +202,5 @@ class Snapshot:
 
     @property
     def settling_time(self) -> float | None:
-        """From the newest wish, or the beginning, to `settled_at` [s]."""
-        return None if self.settled_at is None else self.settled_at - self.wished_at
+        """From the newest order, or the beginning, to `settled_at` [s]."""
+        return None if self.settled_at is None else self.settled_at - self.ordered_at

@@ -31,13 +31,13 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
         "converged": snapshot.converged_now,
         "mode": snapshot.mode,
         "shape": snapshot.shape,
-        "rotation": rounded(snapshot.wish.rotation if snapshot.wish else None, 6),
-        "scale": rounded(snapshot.wish.scale if snapshot.wish else None, 6),
-        "route": snapshot.wish.route if snapshot.wish else None,
+        "rotation": rounded(snapshot.ordered.rotation if snapshot.ordered else None, 6),
+        "scale": rounded(snapshot.ordered.scale if snapshot.ordered else None, 6),
+        "route": snapshot.ordered.route if snapshot.ordered else None,
         "placed_shape": _placed_shape(snapshot.placed_shape),
         "formed": snapshot.formed,
         "gains": snapshot.tuned.model_dump() if snapshot.tuned else None,
-        "wished_at": rounded(snapshot.wished_at),
+        "ordered_at": rounded(snapshot.ordered_at),
         "settling_time": rounded(snapshot.settling_time),
         "leads": snapshot.leads,
         "term": snapshot.lead.term if snapshot.lead else None,
@@ -140,13 +140,13 @@ def _formation_status(snapshot: Snapshot) -> Status:
 
 
 def _wanted(snapshot: Snapshot) -> dict[str, str]:
-    """Return the wish and its progress; angles counter-clockwise."""
-    if snapshot.wish is None:
+    """Return what is ordered and its progress; angles counter-clockwise."""
+    if snapshot.ordered is None:
         return {}
     return {
-        "rotation": _text(snapshot.wish.rotation),
-        "scale": _text(snapshot.wish.scale),
-        "route": snapshot.wish.route,
+        "rotation": _text(snapshot.ordered.rotation),
+        "scale": _text(snapshot.ordered.scale),
+        "route": snapshot.ordered.route,
         **({"k_p": _text(snapshot.tuned.k_p), "k_i": _text(snapshot.tuned.k_i)} if snapshot.tuned else {}),
         "rotation_now": _text(snapshot.placed_shape.rotation),
         "scale_now": _text(snapshot.placed_shape.scale),

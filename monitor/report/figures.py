@@ -106,16 +106,16 @@ def _marks(run: Run) -> Iterator[tuple[float, str, str, bool]]:
 
 
 def _change(before: Ordered | None, order: Ordered) -> str:
-    wish = order.wish
-    old = before.wish if before else wish._replace(shape="", rotation=0.0, scale=1.0, route="")
+    motion = order.motion
+    old = before.motion if before else motion._replace(shape="", rotation=0.0, scale=1.0, route="")
     return ", ".join(
         text
         for text, is_new in (
             (order.mode, before is None or order.mode != before.mode),
-            (wish.shape, wish.shape != old.shape),
-            (f"{math.degrees(wish.rotation):.3g}°", wish.rotation != old.rotation),
-            (f"× {wish.scale:.3g}", wish.scale != old.scale),
-            ("route", wish.route != old.route),
+            (motion.shape, motion.shape != old.shape),
+            (f"{math.degrees(motion.rotation):.3g}°", motion.rotation != old.rotation),
+            (f"× {motion.scale:.3g}", motion.scale != old.scale),
+            ("route", motion.route != old.route),
         )
         if is_new
     )

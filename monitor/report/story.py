@@ -12,7 +12,7 @@ from formation.mission.model import Mission
 from formation.monitor.core import MIN_CLOCK_STEP
 from formation.monitor.metrics.event import Event, from_message
 from formation.monitor.metrics.events import silence_limit
-from formation.monitor.metrics.orders import Orders, Wish
+from formation.monitor.metrics.orders import OrderedMotion, Orders
 from formation.monitor.metrics.snapshot import SIGHT, RobotMetrics
 from formation.monitor.recording.reader import Recorded
 from formation.protocol.order import Mode
@@ -34,7 +34,7 @@ class Ordered(NamedTuple):
     at: float
     """[s, the recorder's clock]"""
     mode: Mode
-    wish: Wish
+    motion: OrderedMotion
     leads: str
     """Name of the candidate that gave it."""
 
@@ -99,7 +99,7 @@ class Story:
         order, lead = orders.newest, orders.lead
         if order is None or len(self.orders) >= MAX_EVENTS:
             return
-        wanted = order.mode, Wish.of(order), lead.name if lead else ""
+        wanted = order.mode, OrderedMotion.of(order), lead.name if lead else ""
         if not self.orders or self.orders[-1][1:] != wanted:
             self.orders.append(Ordered(at, *wanted))
 

@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from formation.monitor.metrics.events import wish_in_words
+from formation.monitor.metrics.events import ordered_in_words
 from formation.monitor.metrics.words import CORRECTION_SHOWN
 from formation.monitor.report import words
 from formation.monitor.report.gather import Run
@@ -196,7 +196,7 @@ def orders(run: Run) -> Table:
     several = len({order.leads for order in run.story.orders}) > 1
     heads = ("time", "mode", "shape", "leader") if several else ("time", "mode", "shape")
     rows = [
-        (words.seconds(one.at - run.start), one.mode, wish_in_words(one.wish), one.leads or "unknown")[
+        (words.seconds(one.at - run.start), one.mode, ordered_in_words(one.motion), one.leads or "unknown")[
             : len(heads)
         ]
         for one in run.story.orders

@@ -122,7 +122,7 @@ def frame(
         "recording": recording,
         "r": rows,
         "e": [rounded(error, ERROR_DECIMALS) for error in snapshot.edges.values()],
-        **_wished(snapshot),
+        **_ordered(snapshot),
         **_leading(snapshot),
         **({} if replay is None else {"replay": replay}),
     }
@@ -139,12 +139,12 @@ def _known(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
-def _wished(snapshot: Snapshot) -> dict[str, Any]:
-    if snapshot.wish is None:
+def _ordered(snapshot: Snapshot) -> dict[str, Any]:
+    if snapshot.ordered is None:
         return {}
     return {
-        **({"rotation": rounded(snapshot.wish.rotation)} if snapshot.wish.rotation else {}),
-        **({"scale": rounded(snapshot.wish.scale)} if snapshot.wish.scale != 1.0 else {}),
+        **({"rotation": rounded(snapshot.ordered.rotation)} if snapshot.ordered.rotation else {}),
+        **({"scale": rounded(snapshot.ordered.scale)} if snapshot.ordered.scale != 1.0 else {}),
         **({} if snapshot.formed else {"forming": True}),
         **({"waits": snapshot.waits} if snapshot.waits else {}),
     }

@@ -127,7 +127,7 @@ def test_orders_change_modes_and_shape(operator: Operator, team: Team) -> None:
     operator.order("run")
     assert (team.leader_mode(), set(team.latch_modes().values())) == ("run", {None})
     report = operator.order("shape", shape="wedge")
-    assert (report["shape"], team.leader.plan.shape_transition.wish.shape) == ("wedge", "wedge")
+    assert (report["shape"], team.leader.plan.shape_transition.ordered.shape) == ("wedge", "wedge")
     operator.order("stop")
     report = operator.order("release")
     assert report["advice"] == ["all robots hold until you order run"]

@@ -79,7 +79,7 @@ def test_orders_stay_in_force_under_next_leader(fleet: Fleet) -> None:
     fleet.kill("leader")
     fleet.run(2.0)
     deputy = fleet.candidates["deputy"]
-    assert (deputy.leads, deputy.plan.shape_transition.wish.shape, deputy.mode) == (True, "line", "hold")
+    assert (deputy.leads, deputy.plan.shape_transition.ordered.shape, deputy.mode) == (True, "line", "hold")
     assert fleet.ask("deputy", "run").mode == "run"
     fleet.run(8.0)
     assert fleet.error() < 0.1

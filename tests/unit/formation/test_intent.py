@@ -23,7 +23,7 @@ from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
 from formation.stability.driving import first_limits
 from formation.stability.feasibility import problems
-from formation.stability.intent import refusal, request_for, straight, wish
+from formation.stability.intent import ordered_shape, refusal, request_for, straight
 from tests.campaigns.safety.gains import MARGIN, drawn, held, stable, unstable
 from tests.support.examples import slow
 from tests.unit.formation import scenarios
@@ -148,7 +148,7 @@ def test_request_is_accepted_exactly_if_transition_is_collision_free(
 ) -> None:
     placed_shape = PlacedShape(((before, 1.0),), 0.3, 1.0)
     request = requested(do="scale", factor=factor) if shape == before else requested(do="shape", shape=shape)
-    end = wish(request, placed_shape)
+    end = ordered_shape(request, placed_shape)
     assert end is not None
     why = refusal(SIX, request, placed_shape)
     gaps = [gap(SIX, one) for one in straight(placed_shape, end)]

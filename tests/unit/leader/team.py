@@ -260,7 +260,7 @@ class Team:
             and one.newest is not None
             and one.newest.term == led.term
             and one.newest.mode == led.mode
-            and one.newest.shape == led.plan.shape_transition.wish.shape
+            and one.newest.shape == led.plan.shape_transition.ordered.shape
             and one.newest.tuned == led.plan.tuned
             for one in orders
         )

@@ -39,8 +39,8 @@ class Machine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.team = Team(0)
-        self.wishes = 0
-        self.wish = OperatorRequest(do="hold", id="first")
+        self.requests = 0
+        self.request = OperatorRequest(do="hold", id="first")
 
     @initialize(seed=st.integers(0, 2**32))
     def begin(self, seed: int) -> None:
@@ -150,17 +150,17 @@ class Machine(RuleBasedStateMachine):
 
     @rule(age=st.sampled_from([0.1, 1.0, 5.0]), meanwhile=MEANWHILE)
     def ask_again(self, age: float, meanwhile: int) -> None:
-        self._ask(self.wish.model_copy(update={"age": age}), NAMES)
+        self._ask(self.request.model_copy(update={"age": age}), NAMES)
         self.done("asked again", meanwhile)
 
     def _id(self) -> str:
-        self.wishes += 1
-        return f"wish{self.wishes}"
+        self.requests += 1
+        return f"request{self.requests}"
 
-    def _ask(self, wish: OperatorRequest, names: frozenset[str] | tuple[str, ...]) -> None:
-        self.wish = wish
+    def _ask(self, request: OperatorRequest, names: frozenset[str] | tuple[str, ...]) -> None:
+        self.request = request
         for name in sorted(names):
-            self.team.ask(name, wish)
+            self.team.ask(name, request)
 
     def teardown(self) -> None:
         """Without faults, one candidate leads and all agents obey it."""

@@ -204,7 +204,11 @@ def test_route_of_another_mission_file_is_not_continued() -> None:
 def test_order_with_invalid_slots_is_not_continued(shape: str, slots: Slots | None) -> None:
     impossible = Order(term=TERM, beat=9, mode="run", shape=shape, time=5.0, slots=slots)
     leader = restarted(impossible, 5.0)
-    assert (leader.leads, leader.plan.shape_transition.wish.shape, leader.route_time) == (True, "line", 0.0)
+    assert (leader.leads, leader.plan.shape_transition.ordered.shape, leader.route_time) == (
+        True,
+        "line",
+        0.0,
+    )
     assert drive(leader, 5.04, 1.0)[-1].order.slots is None
     assert leader.dropped == {"bob/position": 1}
 
@@ -261,7 +265,7 @@ def test_hold_option_waits_for_run_after_an_outage(*, late: bool, stale: bool, h
     if late:
         assert leader.mode == ("hold" if hold else "run")
         leader.step(at(2.0), [arriving(relayed("bob", RUNNING, stale=stale), 2.0)])
-    assert (leader.mode, leader.plan.shape_transition.wish.shape) == (mode, "near")
+    assert (leader.mode, leader.plan.shape_transition.ordered.shape) == (mode, "near")
     assert leader.route_time == pytest.approx(2.0, abs=0.01)
     assert ask(leader, "run").mode == "run"
 

@@ -196,7 +196,7 @@ def test_repeated_shape_request_does_not_undo_later_one() -> None:
     ask(leader, b'{"do":"shape","shape":"near","id":"a"}')
     ask(leader, b'{"do":"shape","shape":"line","id":"b"}')
     assert ask(leader, b'{"do":"shape","shape":"near","id":"a"}').ok
-    assert leader.plan.shape_transition.wish.shape == "line"
+    assert leader.plan.shape_transition.ordered.shape == "line"
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from formation.leader.shape_transition import (
     MAX_MIXED_SHAPES,
     MIN_SLOT_SPEED_SHARE,
     SMOOTHING_TIME,
+    OrderedShape,
     ShapeTransition,
-    Wish,
 )
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -44,12 +44,12 @@ PERIOD = 0.05
 TOP = np.array([FOUR.robots[name].max_speed for name in FOUR.followers])
 """[m/s]"""
 
-wishes = st.builds(
-    Wish, st.sampled_from(tuple(FOUR.shapes)), st.floats(-math.pi, math.pi), st.floats(0.3, 3.0)
+orders = st.builds(
+    OrderedShape, st.sampled_from(tuple(FOUR.shapes)), st.floats(-math.pi, math.pi), st.floats(0.3, 3.0)
 )
 speeds = st.floats(0.0, 1.45)
 stretches = st.lists(
-    st.tuples(st.none() | wishes, speeds, st.floats(-1.0, 1.0), st.integers(1, 60)), max_size=8
+    st.tuples(st.none() | orders, speeds, st.floats(-1.0, 1.0), st.integers(1, 60)), max_size=8
 )
 
 
@@ -62,8 +62,8 @@ def room(speed: float) -> FloatArray:
     return np.maximum(SLOT_SPEED_SHARE * (TOP - speed), MIN_SLOT_SPEED_SHARE * TOP)
 
 
-def want(moving: ShapeTransition, wish: Wish, speed: float = 0.0) -> float:
-    moving.follow(wish, moving.plan_path(wish, speed))
+def want(moving: ShapeTransition, order: OrderedShape, speed: float = 0.0) -> float:
+    moving.follow(order, moving.plan_path(order, speed))
     return moving.remaining
 
 
@@ -85,13 +85,13 @@ def velocities(placed_shapes: list[PlacedShape]) -> ComplexArray:
 @settings(max_examples=60, deadline=None)
 @given(stretches, st.booleans())
 def test_slots_never_exceed_speed_of_their_robots(
-    stretches: list[tuple[Wish | None, float, float, int]], turning: bool
+    stretches: list[tuple[OrderedShape | None, float, float, int]], turning: bool
 ) -> None:
     mission = FOUR.model_copy(update={"turning": turning})
     moving, heading = ShapeTransition.first(mission), mission.leader_heading
-    for wish, speed, turn_rate, steps in stretches:
-        if wish is not None and moving.fits_order(moving.plan_path(wish, speed)):
-            want(moving, wish, speed)
+    for order, speed, turn_rate, steps in stretches:
+        if order is not None and moving.fits_order(moving.plan_path(order, speed)):
+            want(moving, order, speed)
         for _ in range(steps):
             heading *= cmath.rect(1.0, turn_rate * PERIOD)
             before = slots(mission, moving.placed_shape)
@@ -105,23 +105,25 @@ def test_slots_never_exceed_speed_of_their_robots(
 
 
 @examples(30)
-@given(st.lists(st.tuples(wishes, st.integers(1, 60)), min_size=1, max_size=5), st.floats(0.0, 1.0))
-def test_shape_transition_ends_exactly_at_last_request(wished: list[tuple[Wish, int]], speed: float) -> None:
+@given(st.lists(st.tuples(orders, st.integers(1, 60)), min_size=1, max_size=5), st.floats(0.0, 1.0))
+def test_shape_transition_ends_exactly_at_last_request(
+    requests: list[tuple[OrderedShape, int]], speed: float
+) -> None:
     moving, lasts = ShapeTransition.first(FOUR), 0.0
-    for wish, steps in wished:
-        lasts = want(moving, wish, speed)
+    for order, steps in requests:
+        lasts = want(moving, order, speed)
         still(moving, steps * PERIOD, speed)
     # an interrupted transition may take a little longer than `remaining`
     still(moving, 2.0 * lasts, speed)
     assert moving.arrived
     assert slots(FOUR, moving.placed_shape) == pytest.approx(
-        slots(FOUR, PlacedShape(((wish.shape, 1.0),), wish.rotation, wish.scale)), abs=1e-9
+        slots(FOUR, PlacedShape(((order.shape, 1.0),), order.rotation, order.scale)), abs=1e-9
     )
 
 
 def test_shape_transition_starts_and_ends_slowly() -> None:
     moving = ShapeTransition.first(FOUR)
-    velocity = velocities(still(moving, want(moving, Wish("line"), 0.2) + 0.5, 0.2))
+    velocity = velocities(still(moving, want(moving, OrderedShape("line"), 0.2) + 0.5, 0.2))
     assert np.all(np.abs(velocity[0]) < 0.05)
     assert np.all(np.abs(velocity[-1]) == 0.0)
     assert np.all(np.abs(np.diff(velocity, axis=0)) / PERIOD < 1.01 * room(0.2) / SMOOTHING_TIME)
@@ -129,16 +131,21 @@ def test_shape_transition_starts_and_ends_slowly() -> None:
 
 def test_new_request_during_transition_keeps_velocity_continuous() -> None:
     moving, placed_shapes = ShapeTransition.first(FOUR), []
-    for wish in (Wish("line"), Wish("wedge", 1.0), Wish("abreast", 0.0, 2.0), Wish("hexagon")):
-        placed_shapes += still(moving, 0.6 * want(moving, wish))
+    for order in (
+        OrderedShape("line"),
+        OrderedShape("wedge", 1.0),
+        OrderedShape("abreast", 0.0, 2.0),
+        OrderedShape("hexagon"),
+    ):
+        placed_shapes += still(moving, 0.6 * want(moving, order))
     jumps = np.abs(np.diff(velocities(placed_shapes), axis=0))
     assert np.all(jumps < 2.5 * room(0.0) / SMOOTHING_TIME * PERIOD)
 
 
 def test_fast_leader_slows_shape_transition_without_stopping_it() -> None:
     slow, fast = ShapeTransition.first(FOUR), ShapeTransition.first(FOUR)
-    assert want(slow, Wish("line"), 0.2) < 8.0
-    lasts = want(fast, Wish("line"), 1.45)
+    assert want(slow, OrderedShape("line"), 0.2) < 8.0
+    lasts = want(fast, OrderedShape("line"), 1.45)
     assert 100.0 < lasts < 200.0
     still(fast, lasts + 1.0, 1.45)
     assert fast.arrived
@@ -146,7 +153,7 @@ def test_fast_leader_slows_shape_transition_without_stopping_it() -> None:
 
 def test_leader_speeding_up_slows_shape_transition() -> None:
     moving = ShapeTransition.first(FOUR)
-    lasts = want(moving, Wish("line"), 0.2)
+    lasts = want(moving, OrderedShape("line"), 0.2)
     still(moving, 1.5, 0.2)
     still(moving, lasts, 1.4)
     assert not moving.arrived
@@ -156,9 +163,9 @@ def test_leader_speeding_up_slows_shape_transition() -> None:
 
 def test_rotation_takes_the_shorter_way() -> None:
     moving = ShapeTransition.first(FOUR)
-    want(moving, Wish("hexagon", math.radians(170.0)))
+    want(moving, OrderedShape("hexagon", math.radians(170.0)))
     still(moving, 60.0)
-    want(moving, Wish("hexagon", math.radians(-170.0)))
+    want(moving, OrderedShape("hexagon", math.radians(-170.0)))
     turned = [math.degrees(one.rotation) % 360.0 for one in still(moving, 60.0)]
     assert all(169.9 < degrees < 190.1 for degrees in turned)
     assert turned[-1] == pytest.approx(190.0)
@@ -166,7 +173,7 @@ def test_rotation_takes_the_shorter_way() -> None:
 
 def test_shape_transition_restarts_slowly_after_rest() -> None:
     moving = ShapeTransition.first(FOUR)
-    want(moving, Wish("line"))
+    want(moving, OrderedShape("line"))
     still(moving, 2.0)
     moving.rest()
     before = slots(FOUR, moving.placed_shape)
@@ -180,16 +187,16 @@ def test_at_most_eight_shapes_are_mixed() -> None:
     }
     moving, refused = ShapeTransition.first(SIX.model_copy(update={"shapes": shapes})), 0
     for k in range(1, 12):
-        path = moving.plan_path(Wish(f"shape{k}"), 0.0)
+        path = moving.plan_path(OrderedShape(f"shape{k}"), 0.0)
         if not moving.fits_order(path):
             refused += 1
             continue
-        moving.follow(Wish(f"shape{k}"), path)
+        moving.follow(OrderedShape(f"shape{k}"), path)
         assert all(len(one.mix) <= MAX_MIXED_SHAPES for one in still(moving, 0.1))
     assert refused
     still(moving, 30.0)
     assert moving.arrived
-    assert moving.fits_order(moving.plan_path(Wish("shape11"), 0.0))
+    assert moving.fits_order(moving.plan_path(OrderedShape("shape11"), 0.0))
 
 
 def test_turning_shape_follows_leader_through_corner_and_circle() -> None:
@@ -211,7 +218,7 @@ def test_turning_shape_follows_leader_through_corner_and_circle() -> None:
     assert min(lags) > -0.01  # it does not overshoot
     assert abs(lags[-1]) < 1e-3
     assert follow(0.1)[-1] == pytest.approx(0.0, abs=1e-3)
-    want(moving, Wish("hexagon", math.pi / 2.0), 0.2)
+    want(moving, OrderedShape("hexagon", math.pi / 2.0), 0.2)
     assert follow(0.0)[-1] == pytest.approx(-math.pi / 2.0, abs=1e-3)
 
 

@@ -422,13 +422,13 @@ def test_report_contains_durations_of_avoiding_and_blocking(tmp_path: Path) -> N
 
 
 def test_each_changed_part_of_the_order_is_an_event() -> None:
-    wishes: list[dict[str, Any]] = [
+    changes: list[dict[str, Any]] = [
         {"shape": "wedge"}, {"rotation": math.pi / 4}, {"scale": 1.5}, {"route": "c4f2a1b2c3d4"},
         {"mode": "hold"}, {"mode": "stop"},
     ]  # fmt: skip
 
     def wants(time: float) -> ChainMap[str, Any]:
-        return ChainMap(*reversed(wishes[: max(0, int(time / 2.0) - 5)]))  # from 12 s on, two seconds apart
+        return ChainMap(*reversed(changes[: max(0, int(time / 2.0) - 5)]))  # from 12 s on, two seconds apart
 
     events = of(Watcher(Fleet(wants=wants)).drive(24.0), "order")
     turned = "shape wedge, turned by 45°"

@@ -94,26 +94,26 @@ def test_new_shape_restarts_settling_time() -> None:
     assert under_way.formation_error == pytest.approx(0.0, abs=0.005)
     assert (under_way.formed, under_way.settled_at, under_way.converged) == (False, None, False)
     assert (there.formed, there.converged) == (True, True)
-    assert there.wished_at == pytest.approx(BEGINS - 10.0, abs=0.15)
+    assert there.ordered_at == pytest.approx(BEGINS - 10.0, abs=0.15)
     assert there.settling_time == pytest.approx(LASTS, abs=0.2)
 
 
 @pytest.mark.parametrize(
-    "wish",
+    "change",
     [{"shape": "wedge"}, {"rotation": 1.0}, {"scale": 2.0}, {"route": "b7"}],
-    ids=lambda wish: next(iter(wish)),
+    ids=lambda change: next(iter(change)),
 )
-def test_settling_time_restarts_with_each_order_change(wish: dict[str, Any]) -> None:
-    fleet = Fleet(wants=lambda time: wish if time > 15.0 else {})
+def test_settling_time_restarts_with_each_order_change(change: dict[str, Any]) -> None:
+    fleet = Fleet(wants=lambda time: change if time > 15.0 else {})
     snapshot = driven(fleet, 20.0).snapshot(now(20.0))
-    assert snapshot.wished_at == pytest.approx(5.0, abs=0.15)
+    assert snapshot.ordered_at == pytest.approx(5.0, abs=0.15)
     assert snapshot.settling_time == pytest.approx(0.1, abs=0.15)
 
 
 def test_hold_and_run_do_not_restart_settling_time() -> None:
     fleet = Fleet(wants=lambda time: {"mode": "hold"} if 12.0 < time < 14.0 else {})
     snapshot = driven(fleet, 20.0).snapshot(now(20.0))
-    assert (snapshot.wished_at, snapshot.settled_at) == (0.0, 0.0)
+    assert (snapshot.ordered_at, snapshot.settled_at) == (0.0, 0.0)
 
 
 def test_turning_shape_counts_as_formed() -> None:
@@ -144,5 +144,5 @@ def test_snapshot_contains_gains_without_restarting_settling_time() -> None:
     metrics = driven(Fleet(wants=lambda time: {"tuned": tuned} if time > 14.0 else {}), 18.0)
     seen = metrics.snapshot(now(18.0))
     assert seen.tuned == tuned
-    assert seen.wished_at == 0.0
+    assert seen.ordered_at == 0.0
     assert as_json(seen)["gains"] == {"k_p": 3.0, "k_i": 0.5}

@@ -222,7 +222,7 @@ def test_cut_recording_is_read_up_to_the_cut(tmp_path: Path) -> None:
 def test_story_contains_orders_and_events_with_times(tmp_path: Path) -> None:
     fleet = Fleet(wants=lambda time: {"shape": "wedge"} if time > START + 3.0 else {})
     run = run_of(tmp_path, talk(fleet, 6.0))
-    orders = [(order.mode, order.wish.shape) for order in run.story.orders]
+    orders = [(order.mode, order.motion.shape) for order in run.story.orders]
     assert orders == [("run", "hexagon"), ("run", "wedge")]
     assert run.story.orders[1].at - run.start == pytest.approx(3.0, abs=0.3)
     assert {"joined", "order"} <= {event.kind for event in run.story.events}
@@ -338,8 +338,8 @@ def test_leader_without_positions_is_known_by_ballots() -> None:
 
 
 def test_ballots_for_votes_are_no_leader_term() -> None:
-    wishes = [ballot("spare1", SECOND, n, 11.0 + n / 10, "candidate") for n in range(10)]
-    assert [one.name for one in found_terms([*leading(FIRST, 10.0, 13.0), *wishes])] == ["robot1"]
+    ballots = [ballot("spare1", SECOND, n, 11.0 + n / 10, "candidate") for n in range(10)]
+    assert [one.name for one in found_terms([*leading(FIRST, 10.0, 13.0), *ballots])] == ["robot1"]
 
 
 def test_invalid_messages_create_no_leader_term() -> None:

@@ -78,10 +78,10 @@ def test_request_repeated_after_another_is_new() -> None:
 def test_changed_value_is_new_request_repetition_is_not(do: str, name: str, values: tuple[Any, ...]) -> None:
     orders = Precedence()
     for number, value in enumerate(values):
-        wish = OperatorRequest.model_validate({"do": do, name: value, "id": f"{number}"})
-        given, new = orders.accept(wish, 0.1 * number)
+        request = OperatorRequest.model_validate({"do": do, name: value, "id": f"{number}"})
+        given, new = orders.accept(request, 0.1 * number)
         assert new
-        again = wish.model_copy(update={"id": "another", "age": 0.5})
+        again = request.model_copy(update={"id": "another", "age": 0.5})
         assert orders.accept(again, 0.1 * number + 0.05) == (given, False)
 
 
@@ -168,16 +168,16 @@ def test_close_ends_sending() -> None:
     assert one.overruled
 
 
-wishes = st.tuples(
+requests = st.tuples(
     st.sampled_from(["stop", "hold", *STARTING]),
-    st.floats(0.0, 2.0),  # time since the wish before [s]
-    st.booleans(),  # whether all wishes before are answered
+    st.floats(0.0, 2.0),  # time since the request before [s]
+    st.booleans(),  # whether all requests before are answered
     st.sampled_from(["", "", "a", "b"]),
     st.none() | st.floats(0.0, 2 * MAX_SHOWN_AGE),
 )
 
 
-@given(st.lists(wishes, max_size=30))
+@given(st.lists(requests, max_size=30))
 def test_stop_is_always_sent_and_overrules_older_requests(
     clicks: list[tuple[str, float, bool, str, float | None]],
 ) -> None:
