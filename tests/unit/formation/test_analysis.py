@@ -330,6 +330,7 @@ def _no_numbers(integral: complex, *_: Any) -> tuple[Command, complex]:
     return Command(float(json.dumps(1.0)), 0.0), integral
 
 
+@pytest.mark.slow
 def test_law_that_is_not_finite_is_problem(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulation, "LAWS", {"field": LAWS["field"]._replace(step=_not_finite)})
     found = analyse(load("six_robots"))
@@ -347,6 +348,7 @@ def test_law_that_cannot_be_compiled_is_named_with_its_line() -> None:
         simulate(load("six_robots"), law=law, horizon=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not AVAILABLE, reason="nothing compiles")
 def test_law_that_raises_is_named() -> None:
     law = LAWS["proportional"]._replace(name="mine", step=_raising)
