@@ -75,32 +75,40 @@ def read_mission(name: str, law: str | None = None) -> Mission:
 
 def number(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> Callable[[str], float]:
     """Return an argument type: a finite number from `lowest` (or above it) to `highest`."""
+    below = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
+    legal = f"{below} and {f'at most {highest:g}' if math.isfinite(highest) else 'finite'}"
 
     def read(text: str) -> float:
-        value = float(text)
+        try:
+            value = float(text)
+        except ValueError:
+            raise _illegal(repr(text.strip()), f"a number without a unit, {legal}") from None
         low = value > lowest if open_below else value >= lowest
         if not (math.isfinite(value) and low and value <= highest):
-            below = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
-            above = f"at most {highest:g}" if math.isfinite(highest) else "finite"
-            raise argparse.ArgumentTypeError(f"{text}: must be {below} and {above}")
+            raise _illegal(text.strip(), legal)
         return value
 
-    read.__name__ = "number"  # argparse: invalid number value: 'x'
     return read
 
 
 def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
     """Return an argument type: a whole number from `lowest` to `highest`."""
+    legal = f"at least {lowest}" + ("" if highest is None else f" and at most {highest}")
 
     def read(text: str) -> int:
-        value = int(text)
+        try:
+            value = int(text)
+        except ValueError:
+            raise _illegal(repr(text.strip()), f"a whole number, {legal}") from None
         if value < lowest or (highest is not None and value > highest):
-            above = "" if highest is None else f" and at most {highest}"
-            raise argparse.ArgumentTypeError(f"{text}: must be at least {lowest}{above}")
+            raise _illegal(text.strip(), legal)
         return value
 
-    read.__name__ = "whole number"
     return read
+
+
+def _illegal(text: str, legal: str) -> argparse.ArgumentTypeError:
+    return argparse.ArgumentTypeError(f"{text}: must be {legal}")
 
 
 def add_out(to: argparse.ArgumentParser, what: str, *, metavar: str = "FILE", required: bool = False) -> None:

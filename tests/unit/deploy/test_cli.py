@@ -214,6 +214,13 @@ def test_number_refuses_nonpositive_and_nonfinite_values(text: str) -> None:
         number(0.0, open_below=True)(text)
 
 
+@pytest.mark.parametrize("text", ["-1", "1s"])
+def test_order_timeout_is_refused_with_its_legal_range(text: str, capsys: Capsys) -> None:
+    said = refused(capsys, ["order", "six_robots", "stop", "--timeout", text])
+    shown, must = (text, "be") if text == "-1" else (repr(text), "be a number without a unit,")
+    assert said.startswith(f"formation: --timeout: {shown}: must {must} above 0 and at most 600;")
+
+
 def test_json_output_writes_nonfinite_numbers_as_null() -> None:
     text = as_json({"a": float("nan"), "b": [1.5, float("inf")], "c": {"d": None}})
     assert json.loads(text) == {"a": None, "b": [1.5, None], "c": {"d": None}}

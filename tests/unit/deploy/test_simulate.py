@@ -157,7 +157,8 @@ def test_delay_loss_noise_and_quantised_flags_reach_simulation(monkeypatch: pyte
     [
         (["--runs", "0"], "at least 1"),
         (["--runs", "1000000000"], "at most 100000"),
-        (["--runs", "1.5"], "invalid whole number value: '1.5'"),
+        (["--runs", "1.5"], "--runs: '1.5': must be a whole number, at least 1 and at most 100000"),
+        (["--delay", "1s"], "--delay: '1s': must be a number without a unit, at least 0 and at most 60"),
         (["--delay", "-1"], "at least 0"),
         (["--loss", "1.5"], "at most 1"),
         (["--noise", "nan"], "at least 0"),
