@@ -166,7 +166,8 @@ def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
 def bundles_in(folder: Path) -> dict[str, Bundle]:
     """Return the installable bundles in a folder, by robot. Raises Refusal."""
     if not folder.is_dir():
-        raise Refusal(f"{folder}: no such folder; `formation deploy bundle` makes one")
+        fault = "is a file" if folder.exists() else "no such folder"
+        raise Refusal(f"{folder}: {fault}; DIR is the folder that `formation deploy bundle` made")
     bundles = {}
     missing = [name for name in _listed(folder) if not (folder / name).is_dir()]
     if missing:

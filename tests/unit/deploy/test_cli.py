@@ -221,6 +221,12 @@ def test_order_timeout_is_refused_with_its_legal_range(text: str, capsys: Capsys
     assert said.startswith(f"formation: --timeout: {shown}: must {must} above 0 and at most 600;")
 
 
+@pytest.mark.parametrize("command", ["push", "status", "rollback"])
+def test_file_in_place_of_bundles_is_called_a_file(command: str, capsys: Capsys) -> None:
+    wanted = "DIR is the folder that `formation deploy bundle` made"
+    assert refused(capsys, ["deploy", command, __file__]) == f"formation: {__file__}: is a file; {wanted}\n"
+
+
 def test_json_output_writes_nonfinite_numbers_as_null() -> None:
     text = as_json({"a": float("nan"), "b": [1.5, float("inf")], "c": {"d": None}})
     assert json.loads(text) == {"a": None, "b": [1.5, None], "c": {"d": None}}
