@@ -31,6 +31,14 @@ def operator_bus(options: argparse.Namespace, mission: Mission, names: Iterable[
         yield bus
 
 
+def certificate_remedy(visitor: str) -> str:
+    """Return what to do if robots with certificates do not answer `visitor`, as it showed none."""
+    return (
+        f"robots with certificates answer only the {visitor}: name the folder of their bundles in place of"
+        f" the mission file, or the {visitor}'s configuration with -c FILE"
+    )
+
+
 def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: str) -> str:
     """Return the message, and remedies, if no process answers; `visitor` has the configuration needed."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
@@ -47,8 +55,10 @@ def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: st
             "see that these are the endpoints of agents and leader, and that no firewall is between"
             if options.connect
             else "a run that found its usual ports taken has printed the -e flags that are needed here",
-            f"robots under certificates answer only the {visitor}: name its configuration, -c FILE",
+            certificate_remedy(visitor),
         ]
+        if wiring.under_certificates(ends):
+            tries = [tries[2], tries[1]]  # a fleet in the field does not run on this machine
     if mission.team:
         tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
     return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])

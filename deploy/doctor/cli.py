@@ -17,6 +17,7 @@ from formation.deploy.doctor.facts import Checked, examine
 from formation.deploy.doctor.robot import CERTIFICATES, CLOCKS, ODOMETRY, ROBOT_LINK, WATCHDOG
 from formation.deploy.doctor.sight import SCANNER, SIGHT
 from formation.deploy.fleet.fleet import PREFIX
+from formation.deploy.links import certificate_remedy
 from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.bar import message_if_slow
 from formation.mission.file import MISSION_HELP, configuration_of
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str]) -> int:
         checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
     text = words(checks, style(text_stream(options)))
     if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
-        text += "\nrobots with certificates answer only an operator's: name its configuration, -c FILE"
+        text += f"\n{certificate_remedy(OPERATOR)}"
     print_result(options, text, lambda: {"mission": mission.name, **as_object(checks)})
     return 0 if ok(checks) else 1
 

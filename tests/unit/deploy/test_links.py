@@ -33,3 +33,11 @@ def test_no_answer_names_the_remedy_that_fits(
     assert f"  - {remedy}\n" in message
     assert ("formation run" in message) == (config is None)  # a field does not run on this machine
     assert "?" not in message
+
+
+def test_silent_robots_with_certificates_are_asked_by_their_bundles() -> None:
+    options = Namespace(mission="pair.toml", connect=["tls/192.168.1.11:7460"], config=None)
+    message = no_answer_message(load("turtlebot3_pair"), options, "operator")
+    remedy = "name the folder of their bundles in place of the mission file, or the operator's configuration"
+    assert f"  - robots with certificates answer only the operator: {remedy} with -c FILE\n" in message
+    assert "formation run" not in message
