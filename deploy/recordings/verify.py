@@ -117,7 +117,7 @@ def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
         yield f"  {one.robot:<{width}}{_verdict(one)}"
         yield from (f"  {'':<{width}}{line}" for line in _details(one, ran.start))
     yield from (f"  note: {note}" for note in _notes(ran))
-    pace = f"took {ran.took:.1f} s, {ran.length / max(ran.took, 1e-3):.0f} times faster than the run"
+    pace = f"took {ran.took:.1f} s, {ran.length / max(ran.took, 1e-3):.1f} times as fast as the run"
     yield f"{_conclusion(ran, min_compared)}; {pace}"
 
 

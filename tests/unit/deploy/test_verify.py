@@ -16,6 +16,7 @@ from formation.deploy.recordings import replay, verify
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load, read
 from formation.monitor.metrics.keys import watched
+from formation.monitor.recording.reader import read as read_recording
 from formation.monitor.recording.recorder import Recorder
 from formation.topics import CMD_VEL, POSITION
 from tests.support.recorded import RecordedFleet, Recording
@@ -77,6 +78,11 @@ def test_recording_of_same_code_verifies_exactly(file: Path, capsys: Capsys) -> 
     assert result["compared"] == result["exact"] == commands
     assert (result["differing"], result["first"], result["notes"]) == (0, None, [])
     assert [one["not_judged"] for one in result["robots"].values()] == [[], []]
+
+
+def test_verification_slower_than_the_run_states_its_pace(file: Path) -> None:
+    ran = verify.run(read_recording(file), None, None, 1e-9)._replace(length=8.0, took=16.0)
+    assert list(verify.words(ran))[-1].endswith("; took 16.0 s, 0.5 times as fast as the run")
 
 
 def test_other_gain_reports_first_differing_command(file: Path, tmp_path: Path, capsys: Capsys) -> None:
