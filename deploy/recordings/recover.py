@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
             )
     except FileExistsError:
         reason = "exists already; name a new file"
-        raise Refusal(f"{out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
+        raise Refusal(f"--out {out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
     except OSError as error:
         raise Refusal(f"{args.file}: cannot be recovered to {out}: {error.strerror}") from None
     print(as_json(_report(args.file, out, found)) if args.json else _words(args.file, out, found))
