@@ -160,7 +160,7 @@ def _options() -> argparse.ArgumentParser:
     options = parser("report", "A recording as one page that loads nothing, and as figures.", EXAMPLES)
     options.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     options.add_argument("second", type=Path, metavar="FILE2", nargs="?", help="one more, to compare with")
-    add_out(options, "the page, .html (default: that of FILE)", metavar="PAGE")
+    add_out(options, "the page, .html (default: beside FILE, named after FILE and FILE2)", metavar="PAGE")
     options.add_argument(
         "--figures", type=Path, metavar="DIR", help="write every figure into this folder, too"
     )
