@@ -31,14 +31,6 @@ def operator_bus(options: argparse.Namespace, mission: Mission, names: Iterable[
         yield bus
 
 
-def certificate_remedy(visitor: str) -> str:
-    """Return what to do if robots with certificates do not answer `visitor`, as it showed none."""
-    return (
-        f"robots with certificates answer only the {visitor}: name the folder of their bundles in place of"
-        f" the mission file, or the {visitor}'s configuration with -c FILE"
-    )
-
-
 def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: str) -> str:
     """Return the message, and remedies, if no process answers; `visitor` has the configuration needed."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
@@ -55,7 +47,7 @@ def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: st
             "see that these are the endpoints of agents and leader, and that no firewall is between"
             if options.connect
             else "a run that found its usual ports taken has printed the -e flags that are needed here",
-            certificate_remedy(visitor),
+            wiring.certificate_remedy(visitor),
         ]
         if wiring.under_certificates(ends):
             tries = [tries[2], tries[1]]  # a fleet in the field does not run on this machine

@@ -20,7 +20,7 @@ from formation.deploy.arguments import (
     print_result,
     read_mission,
 )
-from formation.deploy.links import certificate_remedy, no_answer_message, operator_bus
+from formation.deploy.links import no_answer_message, operator_bus
 from formation.deploy.refusal import Refusal, refuse_errors
 from formation.deploy.terminal.bar import message_if_slow
 from formation.mission.file import (
@@ -167,7 +167,7 @@ def _print_outcome(options: argparse.Namespace, mission: Mission, outcome: Outco
     if not outcome.answers:
         lines.append(no_answer_message(mission, options, OPERATOR))
     elif outcome.missing and options.config is None and wiring.under_certificates(ends):
-        lines.append(certificate_remedy(OPERATOR))
+        lines.append(wiring.certificate_remedy(OPERATOR))
     if outcome.missing and (name := _not_the_operators(options.config)):
         lines.append(f"only the operator may give orders; {options.config} has the certificate of {name!r}")
     print_result(options, "\n".join(lines), outcome.report)

@@ -78,11 +78,9 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
     if args.foxglove_layout is not None:
         _write_layout(args.foxglove_layout, mission)
         return True
-    args.config = args.config or configuration_of(args.mission, "monitor")
     if args.control:
         args.control_config = args.control_config or configuration_of(args.mission, OPERATOR)
-    links = wiring.of_monitor(wiring.endpoints(mission))
-    config = bus_config(args, mission, links, NAME)
+    config = _links(args, mission)
     stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
     keys = (*watched(mission), *OWN)
     mailbox = Mailbox(MAX_WAITING_MESSAGES)
@@ -123,6 +121,16 @@ def _watch(args: argparse.Namespace, stop: Stop) -> bool:
         for pause in loop.run(stop, snapshots=args.snapshots):
             time.sleep(pause)
     return _recorded_all(loop)
+
+
+def _links(args: argparse.Namespace, mission: Mission) -> BusConfig:
+    """Return how it links with the fleet; warn if robots want a certificate and it has none."""
+    args.config = args.config or configuration_of(args.mission, NAME)
+    links = wiring.of_monitor(wiring.endpoints(mission))
+    config = bus_config(args, mission, links, NAME)
+    if args.config is None and wiring.under_certificates(config.connect or links.connect):
+        _log.warning("%s", wiring.certificate_remedy(NAME))
+    return config
 
 
 def _recorded_all(ended: MonitorLoop) -> bool:

@@ -17,13 +17,12 @@ from formation.deploy.doctor.facts import Checked, examine
 from formation.deploy.doctor.robot import CERTIFICATES, CLOCKS, ODOMETRY, ROBOT_LINK, WATCHDOG
 from formation.deploy.doctor.sight import SCANNER, SIGHT
 from formation.deploy.fleet.fleet import PREFIX
-from formation.deploy.links import certificate_remedy
 from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.bar import message_if_slow
 from formation.mission.file import MISSION_HELP, configuration_of
 from formation.mission.model import Mission
 from formation.transport.asking import OPERATOR
-from formation.transport.wiring import endpoints, members, role, under_certificates
+from formation.transport.wiring import certificate_remedy, endpoints, members, role, under_certificates
 
 EXAMPLES = """\
   formation doctor                                           on a robot that formation is installed on

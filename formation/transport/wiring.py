@@ -131,6 +131,14 @@ def under_certificates(ends: Iterable[str]) -> bool:
     return any(end.startswith(("tls/", "quic/")) for end in ends)
 
 
+def certificate_remedy(visitor: str) -> str:
+    """What to do if robots with certificates do not answer `visitor`, as it shows none."""
+    return (
+        f"robots with certificates answer only the {visitor}: name the folder of their bundles in place of"
+        f" the mission file, or the {visitor}'s configuration with -c FILE"
+    )
+
+
 def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
     return tuple(where.agents[name] for name in names)
 
