@@ -8,8 +8,9 @@ come back to the robot that made it.
 The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans, and nowhere else.
 It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
 the error may be `MAX_RECKONING_ERROR`; others do not use it meanwhile. If for `MAX_REFUSED_TIME` neighbours
-are not where they say, it is no longer locked; also if, in `MAX_DISAGREED_SCANS` scans, as many are not where
-they say as are. After `MAX_LOST_LOCKS` within `LOST_LOCKS_DISTANCE` it stands until an operator has looked.
+are not where they say, it is no longer locked; also if, in `MAX_DISAGREED_SCANS` scans or for
+`MAX_DISAGREED_TIME`, as many are not where they say as are. After `MAX_LOST_LOCKS` within
+`LOST_LOCKS_DISTANCE` it stands until an operator has looked.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ MAX_REFUSED_TIME = 2.0
 MAX_DISAGREED_SCANS = 25
 """Scans in a row in which as many neighbours are not where they say as are, from which on the robot is no
 longer locked: another robot or a post may stand where the seen one should be."""
+MAX_DISAGREED_TIME = 5.0
+"""The same for a slower scanner [s], though in `LOCK_SCANS` scans at least."""
 MIN_MISSED_BEAMS = 12.0
 """Beams in a row that did not come back from a neighbour's place, from which on it is not there: of 10 % lost
 beams that are too many."""
@@ -176,6 +179,8 @@ class Perception:
         self.state = PerceptionState(mates={name: MateState() for name in self.mates})
         scan = mission.robots[robot].scan
         self._mount, self._noise = scan.mount, scan.noise
+        within_time = max(LOCK_SCANS, round(MAX_DISAGREED_TIME * scan.rate))
+        self._max_disagreed = min(MAX_DISAGREED_SCANS, within_time)
         self._specs = {name: mission.robots[name] for name in mission.followers}
 
     def moved(self, arrived: float, here: Localisation) -> None:
@@ -367,13 +372,13 @@ class Perception:
         elif refused or moment - state.seen_at > MIN_RECKONING_TIME:
             state.agreed = 0.0
         if refused and absent >= seen:
-            state.disagreed = min(state.disagreed + 1, MAX_DISAGREED_SCANS)
+            state.disagreed = min(state.disagreed + 1, self._max_disagreed)
         elif seen:
             state.disagreed = max(0, state.disagreed - 1) if weight < 1.0 else 0
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
             placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
-            self._lock(locked=placed or (state.locked and state.disagreed < MAX_DISAGREED_SCANS))
+            self._lock(locked=placed or (state.locked and state.disagreed < self._max_disagreed))
         elif refused:
             state.refused_since = min(state.refused_since, moment)
             self._lock(locked=state.locked and moment - state.refused_since < MAX_REFUSED_TIME)

@@ -178,6 +178,15 @@ def test_robot_that_takes_neighbour_for_another_holds() -> None:
 
 
 @pytest.mark.slow
+def test_robot_with_slow_scanner_soon_holds_beside_another_robot() -> None:
+    """One scan a second shows robot2 where robot3 should be, and nothing where robot2 should be."""
+    fleet = triangle(scan="rate = 1").after(12.0)
+    carry(fleet, "robot7", 1.0 + 0.0j)
+    assert fleet.driven("robot7", 9.0) < 1.5
+    assert holds(fleet, "robot7", Code.SIGHT_CONTRADICTED)
+
+
+@pytest.mark.slow
 def test_robot_does_not_lock_while_neighbour_is_missing() -> None:
     fleet = triangle(STANDS)
     carry(fleet, "robot7", 1.0 + 0.0j)
