@@ -279,7 +279,12 @@ class Perception:
         """Why the pose cannot be relied on; None if it can."""
         state = self.state
         if len(state.lost_locks) >= MAX_LOST_LOCKS:
-            return Reason.of(Code.SIGHT_UNRELIABLE, count=float(MAX_LOST_LOCKS), distance=LOST_LOCKS_DISTANCE)
+            return Reason.of(
+                Code.SIGHT_UNRELIABLE,
+                count=float(MAX_LOST_LOCKS),
+                distance=LOST_LOCKS_DISTANCE,
+                robots=self.mates,
+            )
         unplaced = [name for name, one in state.mates.items() if not one.placed]
         if not state.locked:
             absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
@@ -292,7 +297,7 @@ class Perception:
                 return Reason.of(Code.SIGHT_PLACING, distance=off, limit=most)
             return Reason.of(
                 Code.SIGHT_SEARCHING,
-                robots=self.mates,
+                robots=self.lost(now) or self.mates,
                 count=state.agreed,
                 limit=LOCK_SCANS,
                 unplaced=unplaced,

@@ -134,6 +134,7 @@ def test_carried_robot_that_is_put_back_goes_on() -> None:
     carry(fleet, "robot7", -1.0j)
     fleet.run(4.0)
     assert "put the robot back in its place" in fleet.message("robot7")
+    assert "check the places of robot2" in fleet.message("robot7")
     carry(fleet, "robot7", 1.0j)
     fleet.run(8.0)
     assert fleet.agents["robot7"].decision.state is AgentState.RUN
@@ -155,6 +156,7 @@ def test_robot_with_wrong_odometry_heading_waits_for_operator() -> None:
     fleet.meddle = altered(key, Odometry, lambda one: replace(one, heading=one.heading * turn))
     assert fleet.driven(robot, 45.0) < 3.0
     assert holds(fleet, robot, Code.SIGHT_UNRELIABLE)
+    assert "check the places of robot2, robot3 too" in fleet.message(robot)
     assert fleet.driven(robot, 10.0) < 0.001
     fleet.meddle = lambda sample: (sample,)
     assert fleet.driven(robot, 10.0) < 0.001
@@ -298,6 +300,16 @@ def test_message_names_neighbours_without_position() -> None:
     fleet.run(4.0)
     assert "no position to rely on from robot3, see to them first" in fleet.message("robot7")
     assert "no position" not in fleet.message("robot3")
+
+
+def test_message_names_only_neighbours_out_of_sight() -> None:
+    fleet = triangle(STANDS)
+    ranging = fleet.world._hosted["robot7"].ranging
+    assert ranging is not None
+    ranging._walls = ((-1.45 + 0.43j, -1.25 + 0.43j),)  # before robot3
+    fleet.run(5.0)
+    assert holds(fleet, "robot7", Code.SIGHT_SEARCHING)
+    assert "its range scans do not show robot3 yet" in fleet.message("robot7")
 
 
 def test_landmarks_are_followers_measured_by_scan() -> None:
