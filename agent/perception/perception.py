@@ -235,7 +235,8 @@ class Perception:
             scanned, state.scanned = state.scanned, None
             if scanned.began >= state.trail[0].moment:
                 self._use(scanned, bodies, now)
-        here.align(state.estimate.position, state.estimate.heading)
+        if state.locked or not self._contradicted:
+            here.align(state.estimate.position, state.estimate.heading)
         turn = abs(angle_between(here.state.measured, state.estimate.heading))
         state.misplacement = abs(state.estimate.position - here.state.position) + LANDMARK_DISTANCE * turn
         self._lock(locked=state.locked and state.misplacement < MAX_LOCKED_MISPLACEMENT)
@@ -320,6 +321,15 @@ class Perception:
         """Standard deviation of the error that has arisen since a neighbour was seen [m]."""
         path = self.state.path
         return math.hypot(PATH_DEVIATION * math.sqrt(path), STEADY_HEADING_DEVIATION * path)
+
+    @property
+    def _contradicted(self) -> bool:
+        """Whether the newest scan shows a neighbour not where it says.
+
+        With wrong odometry the estimate of a robot that stands may then follow one that drives away. The pose
+        must not, or the leader would not wait.
+        """
+        return any(mate.outcome is Outcome.ABSENT for mate in self.state.mates.values())
 
     def _begin(self, moment: float, here: Localisation) -> None:
         """Begin at the pose that is known otherwise: at first, and when odometry does not tell the motion."""

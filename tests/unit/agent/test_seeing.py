@@ -167,6 +167,33 @@ def test_robot_with_wrong_odometry_heading_waits_for_operator() -> None:
     assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
+def turning_odometry(fleet: Fleet, robot: str, rate: float) -> None:
+    """From now on heading and path by a robot's odometry turn by `rate` [rad/s] more than they should."""
+    last: list[tuple[float, complex, complex]] = []
+
+    def turned(one: Odometry) -> Odometry:
+        began, before, placed = last[0] if last else (one.stamp, one.position, one.position)
+        turn = cmath.rect(1.0, rate * (one.stamp - began))
+        placed += turn * (one.position - before)
+        last[:] = [(began, one.position, placed)]
+        return replace(one, position=placed, heading=one.heading * turn, turn_rate=one.turn_rate + rate)
+
+    fleet.meddle = altered(ODOM.key(robot), Odometry, turned)
+
+
+@pytest.mark.slow
+def test_contradicted_robot_publishes_no_motion_while_it_stands() -> None:
+    """Else it seems to keep up with the one neighbour that it sees, and the others leave it behind."""
+    fleet, robot = driving_triangle(), "robot7"
+    turning_odometry(fleet, robot, 0.05)
+    fleet.run(14.0)
+    assert holds(fleet, robot, Code.SIGHT_CONTRADICTED)
+    before = fleet.agents[robot].here.state.position
+    fleet.run(8.0)
+    assert abs(fleet.agents[robot].here.state.position - before) < 0.1
+    assert fleet.driven("robot2", 4.0) < 0.2
+
+
 @pytest.mark.slow
 def test_robot_that_takes_neighbour_for_another_holds() -> None:
     """It sees robot2 where robot3 should be, and nothing where robot2 should be."""
