@@ -7,11 +7,13 @@ from collections import Counter
 
 from formation.deploy.rehearsal.air import Weather
 from formation.sensing.models import MODELS
-from tests.campaigns.perception.drift import ROUTES, Case, locked_after, run, window
+from tests.campaigns.perception.drift import BLIND, ROUTES, Case, locked_after, run, window
 from tests.support.seeing import HEXAGON_TEAM, SQUARE_TEAM, Errors
 
 MINUTES = (1, 2, 5, 10)
 """Ends of the minutes that are printed."""
+RETURN_SECONDS = 10
+"""Time for a robot that saw nothing to come back [s]."""
 
 
 def main() -> None:
@@ -27,6 +29,7 @@ def main() -> None:
     parser.add_argument("--square", action="store_true", help="four robots in a square of 0.8 m")
     parser.add_argument("--scanner", choices=MODELS, default="", help="model of the scanners")
     parser.add_argument("--drivers", action="store_true", help="scans as the model's driver sends them")
+    parser.add_argument("--blind", action="store_true", help="one robot sees nothing from 40 to 70 s")
     parser.add_argument("--loss", type=float, default=0.0, help="share of messages that is lost")
     parser.add_argument("--delay", type=float, default=0.0, help="delay of messages [s]")
     parser.add_argument("--seconds", type=int, default=600)
@@ -38,7 +41,7 @@ def main() -> None:
     team, weather = SQUARE_TEAM if flags.square else HEXAGON_TEAM, Weather(flags.loss, flags.delay)
     case = Case(
         flags.route, flags.measurement, flags.world, errors, team, weather,
-        scanner=flags.scanner, drivers=flags.drivers,
+        scanner=flags.scanner, drivers=flags.drivers, blinds=flags.blind,
     )  # fmt: skip
     for seed in flags.seeds:
         samples, witness = run(case, seed, flags.seconds)
@@ -54,6 +57,13 @@ def main() -> None:
         settled = window(samples, 20.0, flags.seconds)
         states = Counter(state for one in samples[20:] for state in one.states.values())
         parts.append(f"from 20 s on: {100 * settled.shape:.2f}")
+        if flags.blind:
+            begin, end = BLIND
+            worst = max(one.error.shape for one in samples if begin < one.time <= end + RETURN_SECONDS)
+            after = max(one.error.shape for one in samples if one.time > end + RETURN_SECONDS)
+            parts.append(
+                f"blind: worst {100 * worst:.2f}; from {RETURN_SECONDS} s later on {100 * after:.2f}"
+            )
         parts.append(f"locked after {locked_after(samples)} s")
         parts.append(f"wrong {witness.wrong} of {witness.right + witness.wrong}")
         print("; ".join(parts), dict(states), flush=True)

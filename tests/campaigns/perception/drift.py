@@ -31,6 +31,8 @@ ROUTES = {
     ),
 }
 """Routes of the leader, as the mission file has them."""
+BLIND = 40, 70
+"""When a robot sees nothing, in cases with that [s]."""
 FINE_BEAMS = 1440
 """Beams of a simulated scanner from which those of a driver are chosen."""
 MAX_OFF, MAX_OFF_SHARE = 0.06, 0.07
@@ -50,6 +52,8 @@ class Case(NamedTuple):
     """Model of the scanners; without one scans are of one moment."""
     drivers: bool = False
     """Whether scans are as the model's driver sends them."""
+    blinds: bool = False
+    """Whether one robot, not the anchor, sees nothing from `BLIND` [s] on; which one depends on the seed."""
 
     @property
     def mission(self) -> Mission:
@@ -169,7 +173,10 @@ def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
     """Drive for so long, with one sample each second."""
     fleet, samples = fleet_of(case, seed), []
     witness = Witness(fleet)
+    blinded = list(fleet.mission.followers)[1 + seed % (len(fleet.mission.followers) - 1)]
     for second in range(1, int(seconds) + 1):
+        if case.blinds and second - 1 in BLIND:
+            _lose_beams(fleet, blinded, 1.0 if second - 1 == BLIND[0] else case.errors.lost)
         fleet.engine.run(second - 1 + 0.25)
         witness.watch()
         fleet.engine.run(float(second))
@@ -179,6 +186,12 @@ def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
         locked = {name: one.state.locked for name, one in sees.items() if one.mates}
         samples.append(Sample(float(second), error(fleet), states, locked))
     return samples, witness
+
+
+def _lose_beams(fleet: Fleet, name: str, share: float) -> None:
+    ranging = fleet.robots[name][0]._hosted[name].ranging
+    assert ranging is not None
+    ranging._scanner = ranging._scanner._replace(lost=share)
 
 
 def locked_after(samples: Sequence[Sample]) -> float | None:
