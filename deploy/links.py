@@ -42,15 +42,14 @@ def no_answer_message(mission: Mission, options: argparse.Namespace, visitor: st
             f"it says also whether {options.config} is the {visitor}'s, of this fleet, and not expired",
         ]
     else:
-        tries = [
-            f"if it does not run yet: formation run {named}",
+        ports = (
             "see that these are the endpoints of agents and leader, and that no firewall is between"
             if options.connect
-            else "a run that found its usual ports taken has printed the -e flags that are needed here",
-            wiring.certificate_remedy(visitor),
-        ]
-        if wiring.under_certificates(ends):
-            tries = [tries[2], tries[1]]  # a fleet in the field does not run on this machine
+            else "a run that found its usual ports taken has printed the -e flags that are needed here"
+        )
+        tries = [f"if it does not run yet: formation run {named}", ports, wiring.certificate_remedy(visitor)]
+        if wiring.under_certificates(ends):  # a fleet in the field, which does not run on this machine
+            tries = [wiring.certificate_remedy(visitor), ports]
     if mission.team:
         tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
     return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])

@@ -235,7 +235,9 @@ class Perception:
             scanned, state.scanned = state.scanned, None
             if scanned.began >= state.trail[0].moment:
                 self._use(scanned, bodies, now)
-        if state.locked or not self._contradicted:
+        # With wrong odometry the estimate of a robot that stands may follow a neighbour that drives away. The
+        # pose must not, or the leader would not wait.
+        if state.locked or not self._absent:
             here.align(state.estimate.position, state.estimate.heading)
         turn = abs(angle_between(here.state.measured, state.estimate.heading))
         state.misplacement = abs(state.estimate.position - here.state.position) + LANDMARK_DISTANCE * turn
@@ -288,7 +290,7 @@ class Perception:
             )
         unplaced = [name for name, one in state.mates.items() if not one.placed]
         if not state.locked:
-            absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
+            absent = self._absent
             if not absent and state.refused_since < math.inf:
                 absent = list(self.mates)
             if absent:
@@ -323,13 +325,9 @@ class Perception:
         return math.hypot(PATH_DEVIATION * math.sqrt(path), STEADY_HEADING_DEVIATION * path)
 
     @property
-    def _contradicted(self) -> bool:
-        """Whether the newest scan shows a neighbour not where it says.
-
-        With wrong odometry the estimate of a robot that stands may then follow one that drives away. The pose
-        must not, or the leader would not wait.
-        """
-        return any(mate.outcome is Outcome.ABSENT for mate in self.state.mates.values())
+    def _absent(self) -> list[str]:
+        """Neighbours that the newest scan shows to be not where they say."""
+        return [name for name, mate in self.state.mates.items() if mate.outcome is Outcome.ABSENT]
 
     def _begin(self, moment: float, here: Localisation) -> None:
         """Begin at the pose that is known otherwise: at first, and when odometry does not tell the motion."""

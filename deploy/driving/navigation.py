@@ -30,9 +30,8 @@ class Navigation:
     def __init__(self) -> None:
         self._active: frozenset[bytes] = frozenset()
         self._ended: dict[bytes, None] = {}
-        self._progress_at = (
-            -math.inf
-        )  # when a goal was accepted, or feedback about one arrived [s, monotonic]
+        self._progress_at = -math.inf
+        """When a goal was accepted, or feedback about one arrived [s, monotonic]."""
 
     @property
     def active(self) -> bool:
@@ -51,9 +50,8 @@ class Navigation:
     def update(self, statuses: GoalStatuses, moment: float) -> str:
         """Take statuses that arrived at `moment` [s, monotonic].
 
-        Returns how the last active goals ended, if they did and not by success.
-
-        A goal that the action no longer lists has ended.
+        Returns how the last active goals ended, if they did and not by success. A goal that the action no
+        longer lists has ended.
         """
         now = dict(statuses.statuses)
         before = self._active
