@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import _thread
 import fcntl
 import json
 import os
 import shutil
+import signal
 import stat
 import subprocess
 import sys
@@ -252,7 +252,7 @@ def test_interrupted_push_names_robots_that_are_done(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fleet = fleets.read(flags().parse_args(field.words()), sudo=False)
-    stopped = threading.Event()
+    stopped, main_thread = threading.Event(), threading.get_ident()
 
     class Stopped(Ssh):
         def stop(self) -> None:
@@ -261,7 +261,8 @@ def test_interrupted_push_names_robots_that_are_done(
     def one(robot: Robot) -> str:
         if robot.name != "robot1":
             if robot.name == "robot3":
-                _thread.interrupt_main()
+                # a true signal: `_thread.interrupt_main` does not wake a main thread that waits already
+                signal.pthread_kill(main_thread, signal.SIGINT)
             assert stopped.wait(20.0)
             raise RemoteError("interrupted")
         return "done"
