@@ -30,6 +30,8 @@ def main() -> None:
     parser.add_argument("--scanner", choices=MODELS, default="", help="model of the scanners")
     parser.add_argument("--drivers", action="store_true", help="scans as the model's driver sends them")
     parser.add_argument("--blind", action="store_true", help="one robot sees nothing from 40 to 70 s")
+    parser.add_argument("--posts", type=float, default=0.0, help="posts as thick as scanners, a square metre")
+    parser.add_argument("--clearance", type=float, default=0.3, help="of posts from the robots' ways [m]")
     parser.add_argument("--loss", type=float, default=0.0, help="share of messages that is lost")
     parser.add_argument("--delay", type=float, default=0.0, help="delay of messages [s]")
     parser.add_argument("--seconds", type=int, default=600)
@@ -42,6 +44,7 @@ def main() -> None:
     case = Case(
         flags.route, flags.measurement, flags.world, errors, team, weather,
         scanner=flags.scanner, drivers=flags.drivers, blinds=flags.blind,
+        posts=flags.posts, clearance=flags.clearance,
     )  # fmt: skip
     for seed in flags.seeds:
         samples, witness = run(case, seed, flags.seconds)

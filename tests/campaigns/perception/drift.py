@@ -13,6 +13,7 @@ from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
 from formation.mission.model import Mission
 from formation.sensing.detection import Detection
+from tests.campaigns.perception import posts
 from tests.support import seeing
 from tests.support.seeing import HEXAGON_TEAM, STRAIGHT, Errors, Team, displaced, edges, misfit, rms
 
@@ -54,6 +55,10 @@ class Case(NamedTuple):
     """Whether scans are as the model's driver sends them."""
     blinds: bool = False
     """Whether one robot, not the anchor, sees nothing from `BLIND` [s] on; which one depends on the seed."""
+    posts: float = 0.0
+    """Posts a square metre [1/m²]."""
+    clearance: float = 0.3
+    """Distance of posts from the ways of the slots at least [m]."""
 
     @property
     def mission(self) -> Mission:
@@ -86,8 +91,11 @@ class Displaced(Fleet):
 
 def fleet_of(case: Case, seed: int) -> Displaced:
     """Return the fleet of a case."""
-    driver = case.scanner if case.drivers else ""
-    return Displaced(case.mission, case.errors, seed, case.weather, case.world, driver)
+    driver, mission = case.scanner if case.drivers else "", case.mission
+    if case.posts:
+        scattered = posts.scattered(mission, case.posts, case.clearance, seed)
+        mission = mission.changed(simulation=mission.simulation.model_copy(update={"posts": scattered}))
+    return Displaced(mission, case.errors, seed, case.weather, case.world, driver)
 
 
 class Witness:
