@@ -203,7 +203,7 @@ def _download(wanted: list[Pin], target: Target, folder: Path) -> None:
     file.write_text("".join(f"{pin.line}\n" for pin in wanted), encoding="utf-8")
     where = f"Python {target.python} on {target.platform}"
     progress = env.Progress(len(wanted), sys.stderr)
-    progress.start(f"fetching {len(wanted)} wheels for {where}")
+    progress.start(f"fetching {len(wanted)} wheel{'s' if len(wanted) > 1 else ''} for {where}")
     fetch = ["download", "--no-deps", "--require-hashes", *target.flags]
     try:
         env.run_pip([*_pip(), *fetch, "--dest", str(folder), "--requirement", str(file)], progress)

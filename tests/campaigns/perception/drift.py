@@ -56,8 +56,8 @@ class Case(NamedTuple):
     blinds: bool = False
     """Whether one robot, not the anchor, sees nothing from `BLIND` [s] on; which one depends on the seed."""
     posts: float = 0.0
-    """Posts a square metre [1/m²]."""
-    clearance: float = 0.3
+    """Posts a square metre, in the physics world [1/m²]."""
+    clearance: float = 0.35
     """Distance of posts from the ways of the slots at least [m]."""
 
     @property
@@ -93,7 +93,8 @@ def fleet_of(case: Case, seed: int) -> Displaced:
     """Return the fleet of a case."""
     driver, mission = case.scanner if case.drivers else "", case.mission
     if case.posts:
-        scattered = posts.scattered(mission, case.posts, case.clearance, seed)
+        real = displaced(mission, case.errors, seed)
+        scattered = posts.scattered(mission, real, case.posts, case.clearance, seed)
         mission = mission.changed(simulation=mission.simulation.model_copy(update={"posts": scattered}))
     return Displaced(mission, case.errors, seed, case.weather, case.world, driver)
 
