@@ -12,6 +12,8 @@ from tests.support.seeing import HEXAGON_TEAM, SQUARE_TEAM, Errors
 
 MINUTES = (1, 2, 5, 10)
 """Ends of the minutes that are printed."""
+START_SECONDS = 20
+"""Time in which robots get to their slots; not judged [s]."""
 RETURN_SECONDS = 10
 """Time for a robot that saw nothing to come back [s]."""
 
@@ -37,6 +39,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=int, default=600)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     flags = parser.parse_args()
+    if flags.seconds <= START_SECONDS:
+        parser.error(f"--seconds is {flags.seconds}, must be more than {START_SECONDS}")
     errors = Errors(
         scale=flags.scale, mounting_deg=flags.mounting, start=flags.start, start_deg=flags.start_deg
     )
@@ -51,15 +55,14 @@ def main() -> None:
         parts = [f"{flags.route} seed {seed}"]
         for minute in MINUTES:
             if 60 * minute <= flags.seconds:
-                # the first 20 s are the way to the slots
-                one = window(samples, max(20.0, 60.0 * (minute - 1)), 60.0 * minute)
+                one = window(samples, max(START_SECONDS, 60.0 * (minute - 1)), 60.0 * minute)
                 parts.append(
                     f"minute {minute}: {100 * one.shape:.2f} ({100 * one.believed:.2f} believed,"
                     f" {100 * one.world:.2f} world)"
                 )
-        settled = window(samples, 20.0, flags.seconds)
-        states = Counter(state for one in samples[20:] for state in one.states.values())
-        parts.append(f"from 20 s on: {100 * settled.shape:.2f}")
+        settled = window(samples, START_SECONDS, flags.seconds)
+        states = Counter(state for one in samples[START_SECONDS:] for state in one.states.values())
+        parts.append(f"from {START_SECONDS} s on: {100 * settled.shape:.2f}")
         if flags.blind:
             begin, end = BLIND
             worst = max(one.error.shape for one in samples if begin < one.time <= end + RETURN_SECONDS)

@@ -46,7 +46,7 @@ def ways_of(of: Mission, real: Mission, seed: int) -> NDArray[np.complex128]:
     All drift with the anchor: it starts elsewhere than it believes, and its gyroscope has a bias. Without
     that drift posts would stand in the way after two minutes.
     """
-    from formation.agent.simulated.physics.world import World  # noqa: PLC0415 - an optional package
+    from formation.agent.simulated.physics.world import World  # an optional package
 
     anchor, route = of.followers[0], Route.of(of)
     bias = float(World(real, seed)._bias[0])
