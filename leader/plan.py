@@ -73,8 +73,8 @@ class TeamMode:
         """The mode in force: a stop overrides a hold, and a hold the base mode."""
         return self.rest.mode or ("hold" if self.lost or self.undriven else self.base_mode)
 
-    def change(self, request: OperatorRequest, fact: str, *, leads: bool = True) -> Result:
-        """Obey ``run``, ``hold``, ``stop`` or ``release``; `fact` is the id of the resulting stop or hold.
+    def change(self, request: OperatorRequest, rest_id: str, *, leads: bool = True) -> Result:
+        """Obey ``run``, ``hold``, ``stop`` or ``release``; `rest_id` is the id of the resulting stop or hold.
 
         A standby (`leads` is False) drops the hold that ``run`` ends; the rest comes from the leader's
         order.
@@ -82,8 +82,8 @@ class TeamMode:
         if request.do == "run" and leads and self.lost and not self.rest.stop:
             return Result(ok=False, reason=str(self.lost))
         if request.do != "run" or not leads:
-            return self.rest.change(request, fact)
-        result = Rest(self.rest.stop, self.hold).change(request, fact)
+            return self.rest.change(request, rest_id)
+        result = Rest(self.rest.stop, self.hold).change(request, rest_id)
         if result.ok:
             self.rest.hold, self.base_mode, self._run_requested, self.unread = "", "run", True, False
             if self.undriven:
@@ -355,10 +355,10 @@ class Plan:
             driven=self.driven,
         )
 
-    def obey(self, request: OperatorRequest, fact: str, received: float) -> Result:
-        """Obey a request of `received` [s, monotonic]; `fact` is the id of a stop or a hold that results."""
+    def obey(self, request: OperatorRequest, rest_id: str, received: float) -> Result:
+        """Obey a request of `received` [s, monotonic]; `rest_id` is that of a stop or hold which results."""
         if request.do in MOTION:
-            return self.team_mode.change(request, fact)
+            return self.team_mode.change(request, rest_id)
         if request.joins and self.driven and self.driver.drives(received):
             driver = self.driver.name or "a driver"
             why = f"{driver} drives by hand; goals and paths count {IDLE_SECONDS:g} s later"

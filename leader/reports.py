@@ -142,7 +142,7 @@ class OperatorRequests:
 
     def _obey(self, request: OperatorRequest, received: float) -> bytes:
         mode = self._lead().mode
-        result = self._plan.obey(request, self._once.fact(request, received), received)
+        result = self._plan.obey(request, self._once.rest_id(request, received), received)
         if result.ok:
             now = self._lead().mode
             change = f"{mode} to {now}" if mode != now else result.reason or now

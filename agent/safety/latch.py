@@ -74,8 +74,8 @@ class Latch:
         if request.do not in MOTION:
             return self.reply(ordered, ok=False, reason=f"{request.do}: that is the leader's to say")
         state, before = self.state, replace(self.state.rest)
-        fact = state.once.fact(request, received)
-        result = state.rest.change(request, f"at-{received:.6f}" if fact == HALTED else fact)
+        rest_id = state.once.rest_id(request, received)
+        result = state.rest.change(request, f"at-{received:.6f}" if rest_id == HALTED else rest_id)
         if state.rest.stop != before.stop:
             state.stop_reason = None
         # an operator's hold does not settle the doubt for which the agent holds the robot

@@ -49,22 +49,22 @@ class Rest:
         """What is in force, a stop before a hold; None for neither."""
         return "stop" if self.stop else "hold" if self.hold else None
 
-    def change(self, request: OperatorRequest, fact: str) -> Result:
-        """Obey one of `MOTION`. `fact` is the id of the stop or the hold that it leaves in force."""
+    def change(self, request: OperatorRequest, rest_id: str) -> Result:
+        """Obey one of `MOTION`. `rest_id` is the id of the stop or the hold that it leaves in force."""
         match request.do:
             case "stop":
-                self.stop = fact
+                self.stop = rest_id
             case "hold":
-                self.hold = fact
+                self.hold = rest_id
             case "release":
-                return self._release(request, fact)
+                return self._release(request, rest_id)
             case "run":
                 return self._run(request)
             case _:
                 raise ValueError(f"{request.do}: must be one of {', '.join(sorted(MOTION))}")
         return Result(ok=True)
 
-    def _release(self, request: OperatorRequest, fact: str) -> Result:
+    def _release(self, request: OperatorRequest, rest_id: str) -> Result:
         if not self.stop:
             return Result(ok=True, code="nothing", reason="nothing to release: no stop is in force")
         if not request.ends:
@@ -73,7 +73,7 @@ class Rest:
             )
         if self.stop not in request.ends:
             return Result(ok=False, code="another", reason="nothing to release: another stop is in force")
-        self.stop, self.hold = "", fact
+        self.stop, self.hold = "", rest_id
         return Result(ok=True)
 
     def _run(self, request: OperatorRequest) -> Result:
@@ -107,7 +107,7 @@ class Once:
         """Record a stop or a hold of unknown age: it counts as received at `mono` [s]."""
         self.rested = max(self.rested, mono)
 
-    def fact(self, request: OperatorRequest, received: float) -> str:
+    def rest_id(self, request: OperatorRequest, received: float) -> str:
         """Id of the stop or hold that `request`, received at `received` [s, monotonic], leaves in force.
 
         Its own; one that is missing or was used before is replaced by a new one, so that no earlier
