@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--drivers", action="store_true", help="scans as the model's driver sends them")
     parser.add_argument("--blind", action="store_true", help="one robot sees nothing from 40 to 70 s")
     parser.add_argument("--posts", type=float, default=0.0, help="posts [1/m²], in mujoco")
-    parser.add_argument("--clearance", type=float, default=0.35, help="of posts from the robots' ways [m]")
+    parser.add_argument("--clearance", type=float, default=0.45, help="of posts from the robots' ways [m]")
     parser.add_argument("--loss", type=float, default=0.0, help="share of messages that is lost")
     parser.add_argument("--delay", type=float, default=0.0, help="delay of messages [s]")
     parser.add_argument("--seconds", type=int, default=600)

@@ -57,8 +57,8 @@ class Case(NamedTuple):
     """Whether one robot, not the anchor, sees nothing from `BLIND` [s] on; which one depends on the seed."""
     posts: float = 0.0
     """Posts a square metre, in the physics world [1/m²]."""
-    clearance: float = 0.35
-    """Distance of posts from the ways of the slots at least [m]."""
+    clearance: float = 0.45
+    """Distance of posts from the ways of the slots at least [m]; robots drive around what is nearer than 0.442."""
 
     @property
     def mission(self) -> Mission:
