@@ -58,7 +58,7 @@ class Case(NamedTuple):
     posts: float = 0.0
     """Posts a square metre, in the physics world [1/m²]."""
     clearance: float = 0.45
-    """Distance of posts from the ways of the slots at least [m]; robots drive around what is nearer than 0.442."""
+    """Distance of posts from the ways of the slots at least [m]; robots drive around what is nearer."""
 
     @property
     def mission(self) -> Mission:
