@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import statistics
 import time
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from formation.agent.simulated.flags import NEEDED
 from formation.deploy.arguments import add_dask, add_json, add_mission, number, parser, print_result, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, spelled
+from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, possible, spelled
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
 from formation.deploy.rehearsal.rules.judge import RULES
 from formation.deploy.rehearsal.rules.settling import RECOVERY_TIME, RECOVERY_TIME_AMONG_OBSTACLES
@@ -106,8 +107,10 @@ def _words(
         text.append(
             f"  settled at       {statistics.median(settled):.1f} s median, {max(settled):.1f} s worst"
         )
+    if endless := [spelled(one) for one in plan.faults if one.lasts == math.inf]:
+        text.append(f"  settled at       not judged, for want of an end: {', '.join(endless)}; add +SECONDS")
     nearest = min(verdicts, key=lambda one: one.nearest)
-    if nearest.nearest < float("inf"):
+    if nearest.nearest < math.inf:
         text.append(f"  nearest bodies   seed {nearest.seed}: {_room(nearest)}")
     seconds = sum(one.seconds for one in verdicts)
     text.append(f"  took             {took:.1f} s for {seconds:.0f} s of the fleet")
@@ -146,9 +149,21 @@ def _report(
 
 def _faults(plan: Plan) -> str:
     given = [spelled(one) for one in plan.faults]
-    possible = len(KINDS) - (0 if plan.signed else len(INSIDERS))
-    kinds = [f"all {possible} kinds"] if len(plan.kinds) == possible else list(plan.kinds)
+    every = _drawable(plan.mission, plan.world, signed=plan.signed)
+    kinds = [f"all {len(every)} kinds"] if plan.kinds == every else list(plan.kinds)
     return ", ".join(given + kinds) or NONE
+
+
+def _lacking(world: str, *, signed: bool) -> dict[str, str]:
+    """Return the kinds of faults that cannot be rehearsed with these flags, and the flag that each needs."""
+    lacking = {kind: "--world kinematic" for kind in SENSORS if world != "kinematic"}
+    return lacking | {kind: "--signed" for kind in INSIDERS if not signed}
+
+
+def _drawable(mission: Mission, world: str, *, signed: bool) -> tuple[str, ...]:
+    """Return the kinds of faults that can be drawn for `mission`."""
+    lacking = _lacking(world, signed=signed)
+    return tuple(kind for kind in KINDS if kind not in lacking and possible(kind, mission))
 
 
 def _command(options: argparse.Namespace, seed: int, faults: Sequence[Fault]) -> str:
@@ -171,15 +186,15 @@ def _plan(mission: Mission, text: str, options: argparse.Namespace) -> Plan:
     except ValueError as error:
         raise Refusal(f"--fault {error}") from None
     chosen = options.faults or (NONE if faults else ALL)
-    lacking = {kind: "--world kinematic" for kind in SENSORS if options.world != "kinematic"}
-    lacking |= {kind: "--signed" for kind in INSIDERS if not options.signed}
-    possible = tuple(kind for kind in KINDS if kind not in lacking)
-    kinds = possible if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
+    lacking = _lacking(options.world, signed=options.signed)
+    every = _drawable(mission, options.world, signed=options.signed)
+    kinds = every if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
     for kind in kinds:
         if kind in lacking:
             raise Refusal(f"--faults {kind!r}: needs {lacking[kind]}")
-        if kind not in possible:
-            raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(possible)}")
+        if kind not in every:
+            why = "no robot of the mission can have it; " if kind in KINDS else ""
+            raise Refusal(f"--faults {kind!r}: {why}must be {ALL}, {NONE}, or some of {', '.join(every)}")
     for fault in faults:
         if fault.kind in lacking:
             raise Refusal(f"--fault {spelled(fault)}: needs {lacking[fault.kind]}")

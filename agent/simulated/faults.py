@@ -30,22 +30,43 @@ from formation.control.unicycle import Command
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 
-SIZES: Mapping[str, float | None] = {
+
+class Size(NamedTuple):
+    """What the SIZE of a kind of fault may be, in its unit."""
+
+    usual: float
+    """Where none is given."""
+    lowest: float
+    highest: float
+    unit: str = ""
+    """Without one it is a share."""
+
+    def illegal(self, size: float) -> str | None:
+        """Return why `size` is none of these, in words; None if it is one."""
+        if self.lowest <= size <= self.highest:
+            return None
+        unit = f" {self.unit}" if self.unit else ""
+        return f"SIZE must be from {self.lowest:g} to {self.highest:g}{unit}"
+
+
+DELAYS = 0.0, 60.0, "s"
+"""Least and greatest delay that can be simulated."""
+SIZES: Mapping[str, Size | None] = {
     "frozen": None,
-    "tremble": 1e-3,
-    "stutter": 0.35,
-    "stale": 1.0,
-    "restamped": 1.0,
-    "backlog": 1.0,
-    "speeds": 0.0,
+    "tremble": Size(1e-3, 0.0, 1.0, "m"),
+    "stutter": Size(0.35, 0.01, 60.0, "s"),
+    "stale": Size(1.0, *DELAYS),
+    "restamped": Size(1.0, *DELAYS),
+    "backlog": Size(1.0, 0.0, 10.0, "s/s"),
+    "speeds": Size(0.0, -10.0, 10.0),
     "blocked": None,
-    "carried": 0.2,
+    "carried": Size(0.2, -10.0, 10.0, "m/s"),
     "relative_frozen": None,
     "scan_frozen": None,
-    "relative_late": 1.0,
-    "scan_late": 1.0,
+    "relative_late": Size(1.0, *DELAYS),
+    "scan_late": Size(1.0, *DELAYS),
 }
-"""Kinds of faults, and their default sizes; None for one without a size."""
+"""Kinds of faults, and what their sizes may be; None for one without a size."""
 STANDS = frozenset(("frozen", "tremble", "stutter"))
 STUCK: Mapping[str, str] = {"relative_frozen": "relative", "scan_frozen": "scan"}
 """Sensors of a robot's surroundings that a fault of this kind makes repeat what they measured."""
@@ -70,7 +91,7 @@ class Fault(NamedTuple):
 
 
 def parse(
-    text: str, mission: Mission, sizes: Mapping[str, float | None] = SIZES, *, form: str = FORM
+    text: str, mission: Mission, sizes: Mapping[str, Size | None] = SIZES, *, form: str = FORM
 ) -> Fault:
     """Parse a fault of a robot of `mission` in the format `form`; `sizes` as `SIZES`.
 
@@ -78,20 +99,20 @@ def parse(
     """
     found = _TEXT.fullmatch(text)
     if found is None:
-        raise ValueError(f"{text!r}: must be {form}, such as robot2:frozen@20+10")
+        raise ValueError(f"{text!r}: must be {form}, such as robot2:frozen@20+10; numbers without units")
     kind = found["kind"]
     if kind not in sizes:
         raise ValueError(f"{text!r}: {kind}: must be one of {', '.join(sizes)}")
-    usual = sizes[kind]
-    if usual is None and found["size"] is not None:
+    legal_size = sizes[kind]
+    if legal_size is None and found["size"] is not None:
         raise ValueError(f"{text!r}: {kind} takes no SIZE")
     try:
-        size = float(found["size"] or usual or 0.0)
+        size = float(found["size"] or (legal_size.usual if legal_size else 0.0))
         since, lasts = float(found["since"]), float(found["lasts"] or "inf")
     except ValueError:
-        raise ValueError(f"{text!r}: SIZE, START and SECONDS must be numbers") from None
-    if not math.isfinite(size):
-        raise ValueError(f"{text!r}: SIZE must be finite")
+        raise ValueError(f"{text!r}: SIZE, START and SECONDS must be numbers without units") from None
+    if legal_size is not None and (wrong := legal_size.illegal(size)):
+        raise ValueError(f"{text!r}: {wrong}")
     robot = found["robot"]
     if robot in mission.followers and not concerns(kind, mission.robots[robot]):
         legal = legal_robots(mission, lambda spec: concerns(kind, spec))

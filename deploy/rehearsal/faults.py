@@ -13,11 +13,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from formation.agent.simulated import faults as sensed
-from formation.agent.simulated.faults import Fault
+from formation.agent.simulated.faults import DELAYS, Fault, Size
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
-from formation.mission.model import Mission
+from formation.mission.model import MAX_HORIZON, Mission
 from formation.mission.robot import RobotSpec
 from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, POSE
@@ -133,21 +133,38 @@ def parse(text: str, mission: Mission) -> Fault:
     if fault.kind == "restart" and not _concerns(fault.kind, mission.robots[fault.robot]):
         legal = sensed.legal_robots(mission, lambda spec: _concerns(fault.kind, spec))
         raise ValueError(f"{text!r}: {fault.robot} has no odometry that counts from its start; {legal}")
+    if begins_or_ends(fault) > MAX_HORIZON:
+        raise ValueError(f"{text!r}: START + SECONDS must be at most {MAX_HORIZON:g} s")
     return fault
 
 
-KINDS_AND_SIZES: Mapping[str, float | None] = {
-    **{name: (kind.lowest + kind.highest) / 2.0 if kind.highest else None for name, kind in KINDS.items()},
+def begins_or_ends(fault: Fault) -> float:
+    """Return when `fault` changes something for the last time: its end, or its start if it has no end [s]."""
+    return fault.since + (fault.lasts if fault.lasts < math.inf else 0.0)
+
+
+KINDS_AND_SIZES: Mapping[str, Size | None] = {
+    **dict.fromkeys(KINDS),
     **sensed.SIZES,
-    "clock": 10.0,
-    "drift": 0.01,
+    "loss": Size(0.5, 0.0, 1.0),
+    "delay": Size(0.525, *DELAYS),
+    "jitter": Size(0.275, *DELAYS),
+    "twice": Size(0.55, 0.0, 1.0),
+    "again": Size(4.25, *DELAYS),
+    "late": Size(0.55, 0.0, 10.0, "s/s"),
+    "throttle": Size(2750.0, 1.0, 100_000.0, "bytes/s"),
+    "slow": Size(0.16, *DELAYS),
+    "clock": Size(10.0, -100_000.0, 100_000.0, "s"),
+    "drift": Size(0.01, -0.5, 0.5, "s/s"),
+    "repeat": Size(0.275, *DELAYS),
 }
-"""Kinds of faults and their default sizes; None for one without a size."""
+"""Kinds of faults, and what their sizes may be; None for one without a size."""
 
 
 def spelled(fault: Fault) -> str:
     """`fault` as it is typed."""
-    size = f"={fault.size:g}" if fault.size != (KINDS_AND_SIZES[fault.kind] or 0.0) else ""
+    legal = KINDS_AND_SIZES[fault.kind]
+    size = "" if legal is None or fault.size == legal.usual else f"={fault.size:g}"
     lasts = f"+{fault.lasts:g}" if fault.lasts < math.inf else ""
     return f"{fault.robot}:{fault.kind}{size}@{fault.since:g}{lasts}"
 

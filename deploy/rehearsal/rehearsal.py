@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.engine import EPOCH
-from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
+from formation.deploy.rehearsal.faults import SENSORS, begins_or_ends, draw, inject, spelled
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
@@ -103,8 +103,7 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
     recorder = None if plan.record is None else _recorder(plan, plan.record, seed)
     if plan.monitored or recorder is not None:
         fleet.start_monitor(recorder)
-    ends = [one.since + one.lasts for one in faults if one.lasts < math.inf]
-    last = max([START_TIME, plan.seconds, *ends])
+    last = max([START_TIME, plan.seconds, *map(begins_or_ends, faults)])
     forever = any(one.lasts == math.inf for one in faults)
     time, checked = 0.0, last
     while not judge.broken:

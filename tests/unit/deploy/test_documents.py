@@ -16,9 +16,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from pydantic import BaseModel
 
+from formation.agent.simulated.faults import Size
 from formation.deploy.cli import COMMANDS
 from formation.deploy.env import ROOT
-from formation.deploy.rehearsal.faults import KINDS
+from formation.deploy.rehearsal.faults import KINDS, KINDS_AND_SIZES
 from formation.mission.file import shipped
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import STATES
@@ -86,9 +87,17 @@ def test_pages_name_existing_commands_and_readme_names_missions() -> None:
 
 def test_guide_describes_every_fault_of_a_rehearsal() -> None:
     page = (ROOT / "docs" / "guide" / "rehearsal.md").read_text(encoding="utf-8")
-    described = re.findall(r"^\| `(\w+)` \| (robot|any) \| (.*) \|$", page, re.MULTILINE)
-    kinds = {name: ("robot" if kind.robots_only else "any", kind.what) for name, kind in KINDS.items()}
-    assert {name: (robots, what) for name, robots, what in described} == kinds
+    described = re.findall(r"^\| `(\w+)` \| (robot|any) \| (.*) \| (.*) \|$", page, re.MULTILINE)
+    kinds = {
+        name: ("robot" if kind.robots_only else "any", kind.what, sizes(KINDS_AND_SIZES[name]))
+        for name, kind in KINDS.items()
+    }
+    assert {name: about for name, *about in described} == {name: [*about] for name, about in kinds.items()}
+
+
+def sizes(legal: Size | None) -> str:
+    """What the guide says of a fault's SIZE: where none is given, least and greatest."""
+    return "" if legal is None else f"{legal.usual:g}; {legal.lowest:g} to {legal.highest:g}"
 
 
 def test_router_line_of_guide_exports_no_variable() -> None:

@@ -293,8 +293,9 @@ def test_world_flags_are_empty_by_default() -> None:
             "'robot3:scan_late@1': robot3 has no sensor for scan_late; no robot of the mission has one",
         ),
         ("robot3:blocked=3@1", "'robot3:blocked=3@1': blocked takes no SIZE"),
-        ("robot3:stale=nan@1", "'robot3:stale=nan@1': SIZE must be finite"),
-        ("robot3:stale=x@1", "'robot3:stale=x@1': SIZE, START and SECONDS must be numbers"),
+        ("robot3:stale=nan@1", "'robot3:stale=nan@1': SIZE must be from 0 to 60 s"),
+        ("robot3:speeds=20@1", "'robot3:speeds=20@1': SIZE must be from -10 to 10"),
+        ("robot3:stale=x@1", "'robot3:stale=x@1': SIZE, START and SECONDS must be numbers without units"),
     ],
 )
 def test_faults_are_checked_against_the_mission(fault: str, says: str | None) -> None:

@@ -13,7 +13,15 @@ from formation.agent.simulated.faults import Fault
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SECOND_RUN_TIME, draw, parse, spelled
+from formation.deploy.rehearsal.faults import (
+    INSIDERS,
+    KINDS,
+    KINDS_AND_SIZES,
+    SECOND_RUN_TIME,
+    draw,
+    parse,
+    spelled,
+)
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
 from formation.deploy.rehearsal.rules.judge import RULES, Violation
@@ -92,12 +100,31 @@ def test_spelled_faults_parse_to_the_same_faults() -> None:
         ("robot2:melt@3", "melt: must be one of loss, delay, .*, carried"),
         ("robot9:kill@3", "robot9: must be one of robot1, robot2"),
         ("robot1:frozen@3", "robot1: must be one of robot2, robot3"),
+        ("robot2:kill@3s", "such as robot2:frozen@20[+]10; numbers without units"),
+        ("robot2:loss=20@3", "SIZE must be from 0 to 1$"),
+        ("robot2:throttle=0@3", "SIZE must be from 1 to 100000 bytes/s"),
+        ("robot2:kill@3600+1", r"START \+ SECONDS must be at most 3600 s"),
+        ("robot2:kill@3601", r"START \+ SECONDS must be at most 3600 s"),
         ("robot2:scan_frozen@3", "robot2 has no sensor for scan_frozen; no robot of the mission has one"),
     ],
 )
 def test_parse_of_illegal_fault_names_legal_values(text: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         parse(text, SIX)
+
+
+def test_size_that_a_rehearsal_draws_is_legal() -> None:
+    for name, kind in KINDS.items():
+        legal = KINDS_AND_SIZES[name]
+        assert (legal is None) == (kind.lowest == kind.highest == 0.0), name
+        assert legal is None or not any(map(legal.illegal, (kind.lowest, kind.highest, legal.usual))), name
+
+
+def test_run_lasts_until_endless_fault_has_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rehearsal, "START_TIME", 1.0)
+    verdict = rehearsed("leader:kill@4", mission=PAIR)
+    assert verdict.settled_at is None
+    assert verdict.seconds > 4.0 + 1.0
 
 
 def test_formation_rule_is_not_judged_after_endless_fault(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,10 +322,22 @@ def test_rehearse_draws_given_fault_kinds_for_each_seed(
     assert f"\n  drawn            {', '.join(drawn)}\n" in capsys.readouterr().out
 
 
+def test_only_kinds_that_the_mission_can_have_are_counted(capsys: Capsys) -> None:
+    assert main(["turtlebot3_pair", "--faults", "all", "--fault", "robot1:cut@9"]) in {0, 1}
+    out = capsys.readouterr().out
+    lacking = sum(kind.endswith(("_frozen", "_late")) for kind in KINDS) + len(INSIDERS)
+    assert f"faults: robot1:cut@9, all {len(KINDS) - lacking} kinds\n" in out
+    assert "  settled at       not judged, for want of an end: robot1:cut@9; add +SECONDS\n" in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
         (["--faults", "kill,melt"], "--faults 'melt': must be all, none, or some of loss, "),
+        (
+            ["--faults", "kill,scan_frozen"],
+            "--faults 'scan_frozen': no robot of the mission can have it; must ",
+        ),
         (["--faults", "kill,forge"], "--faults 'forge': needs --signed"),
         (["--fault", "robot2:melt@3"], "--fault 'robot2:melt@3': melt: must be one of "),
     ],
