@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 
+from formation.agent.simulated import faults
 from formation.agent.simulated.flags import NEEDED, add_world_flags, unfit, world_flags
 from formation.deploy.arguments import (
     add_json,
@@ -73,6 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     page_flags = _page_flags(options)
     record = _recording(mission, options.record)
     duration: float = options.duration or mission.duration
+    _check_starts(options.fault, mission, duration)
     stream = text_stream(options)
     with ExitStack() as stack:
         ports = stack.enter_context(Ports(mission))
@@ -185,6 +187,15 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
     add_json(options)
     return options
+
+
+def _check_starts(texts: Sequence[str], mission: Mission, duration: float) -> None:
+    """Raise Refusal for a fault that would begin after the run, which lasts `duration` [s]."""
+    for text in texts:
+        if faults.parse(text, mission).since >= duration:
+            raise Refusal(
+                f"--fault {text!r}: must begin before the run ends, after {duration:g} s (--duration)"
+            )
 
 
 def _page_flags(options: argparse.Namespace) -> list[str]:

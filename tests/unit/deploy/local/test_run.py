@@ -32,6 +32,13 @@ def test_page_address_of_another_machine_is_refused(tmp_path: Path, capsys: Caps
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(("flags", "end"), [((), "30"), (("--duration", "10"), "10")])
+def test_fault_that_begins_after_the_run_is_refused(flags: tuple[str, ...], end: str, capsys: Capsys) -> None:
+    err = refused(capsys, ["run", "--fault", "robot2:frozen@30", *flags])
+    why = f"must begin before the run ends, after {end} s (--duration)"
+    assert err == f"formation: --fault 'robot2:frozen@30': {why}\n"
+
+
 def test_too_long_recording_in_new_folder_is_refused(capsys: Capsys) -> None:
     record = f"new/{'long' * 75}.mcap"
     assert (
