@@ -223,13 +223,16 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
         case "mission":
             return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
         case "extra_forbidden":
-            legal = f"unknown key {key}{LEGAL}{_keys_beside(detail['loc'], whole)}"
+            here = _keys_beside(detail["loc"], whole)
+            legal = f"unknown key {key}{_elsewhere(detail, whole)}{LEGAL}{here}"
         case "missing" if isinstance(place[-1], int):
             legal = f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
         case "missing":
             legal = f"{key} is missing{LEGAL}{_keys_beside(detail['loc'], whole)}"
         case "string_pattern_mismatch":
             legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
+        case "float_type" | "int_type" if isinstance(detail["input"], str):
+            legal = f"{key} = {value}: should be a number, without quotes and without a unit"
         case "tuple_type" if place == ["route"]:
             legal = "route: should be [[route]] in double brackets, a table for each leg"
         case _:
@@ -238,6 +241,16 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
             wanted = wanted.partition(" or instance of ")[0]  # of a class, which no file has
             legal = f"{key} = {value}: should be {wanted}"
     return legal
+
+
+def _elsewhere(detail: ErrorDetails, whole: type[BaseModel]) -> str:
+    """Return where an unknown key belongs if the whole mission has it, as one that stands below a table."""
+    key = str(detail["loc"][-1])
+    if len(detail["loc"]) == 1 or key not in whole.model_fields:
+        return ""
+    if isinstance(detail["input"], dict):
+        return f": a table of its own, [{key}]"
+    return f": {key} belongs to the whole mission, above the first table of the file"
 
 
 def _value(value: Any) -> str:

@@ -63,7 +63,17 @@ def test_default_mission_is_section_4_of_the_paper() -> None:
         ("k_p = 2.0", "k_p = nan", ["law.k_p = nan", "finite"]),
         ("k_p = 2.0", "k_p = inf", ["law.k_p = inf", "finite"]),
         ("k_p = 2.0", "k_p = -1", ["law.k_p = -1", "greater than 0"]),
-        ("k_p = 2.0", 'k_p = "2"', ["law.k_p = '2'", "number"]),
+        ("k_p = 2.0", 'k_p = "2"', ["law.k_p = '2': should be a number, without quotes and without a unit"]),
+        (
+            "k_p = 2.0",
+            "takeover = 2",
+            ["law.takeover: takeover belongs to the whole mission, above the first"],
+        ),
+        (
+            "k_p = 2.0",
+            "bounds = {x = [0, 1]}",
+            ["unknown key law.bounds: a table of its own, [bounds]; legal"],
+        ),
         ("[law] ", "[law]\nkind = 'fild'", ["law.kind = 'fild'", "'field', 'paper' or 'proportional'"]),
         ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000000"]),
         ("max_turn_rate = 1.5", "max_turn_rate = 1e4", ["max_turn_rate = 10000.0", "or equal to 1000"]),
@@ -127,8 +137,8 @@ def test_mistake_in_robot_defaults_is_reported_once() -> None:
 
 def test_several_mistakes_are_named_in_one_line() -> None:
     assert error_of("rate = 20", 'rate = 0\nradius = "wide"') == (
-        "six.toml: robot.radius = 'wide': should be a valid number; also: robot.rate = 0: should be greater"
-        " than or equal to 1"
+        "six.toml: robot.radius = 'wide': should be a number, without quotes and without a unit; also:"
+        " robot.rate = 0: should be greater than or equal to 1"
     )
     keys = ["first", "second", "third", "fourth", "fifth", "sixth"]
     legal, _, others = error_of("rate = 20", "\n".join(f"{key} = 1" for key in keys)).partition("; also: ")
