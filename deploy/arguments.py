@@ -73,10 +73,14 @@ def read_mission(name: str, law: str | None = None) -> Mission:
     return mission if law is None else mission.under(law)
 
 
-def number(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> Callable[[str], float]:
-    """Return an argument type: a finite number from `lowest` (or above it) to `highest`."""
-    below = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
-    legal = f"{below} and {f'at most {highest:g}' if math.isfinite(highest) else 'finite'}"
+def number(
+    lowest: float, highest: float = math.inf, unit: str = "", *, open_below: bool = False
+) -> Callable[[str], float]:
+    """Return an argument type: a finite number of `unit` from `lowest` (or above it) to `highest`."""
+    below, unit = "above" if open_below else "at least", unit and f" {unit}"
+    legal = f"{below} {lowest:g}{unit} and finite"
+    if math.isfinite(highest):
+        legal = f"{below} {lowest:g} and at most {highest:g}{unit}"
 
     def read(text: str) -> float:
         try:

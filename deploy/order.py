@@ -188,7 +188,7 @@ def add_request_flags(options: argparse.ArgumentParser) -> None:
     """Add the flags for asking robots and printing the answers."""
     options.add_argument(
         "--timeout",
-        type=number(0.0, 600.0, open_below=True),
+        type=number(0.0, 600.0, "s", open_below=True),
         default=3.0,
         metavar="S",
         help="longest wait for answers [s] (default 3)",
@@ -213,7 +213,8 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
         raise Refusal(_takes_nothing_more(do, given, f"formation order MISSION {do}"))
     if len(given) != len(verb.arguments):
         takes = " and ".join(verb.arguments.values()) or "nothing more"
-        raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
+        what_for = f" ({verb.help})" if verb.arguments else ""
+        raise Refusal(f"{do} takes {takes}{what_for}; here: {' '.join(given) or 'nothing'}")
     what = {
         name: READERS[name](text) if name in READERS else _number(f"{do} {label}", text)
         for (name, label), text in zip(verb.arguments.items(), given, strict=True)
@@ -256,7 +257,7 @@ def _number(what: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise Refusal(f"{what}: {text!r}: must be a number") from None
+        raise Refusal(f"{what}: {text!r}: must be a number without a unit") from None
 
 
 def _route(file: str) -> Any:

@@ -260,14 +260,14 @@ def _options() -> argparse.ArgumentParser:
         help="share of messages that is always lost (default 0)",
     )
     flags.add_argument(
-        "--delay", type=number(0.0, 2.0), default=0.0, help="delay of every link, always [s] (default 0)"
+        "--delay", type=number(0.0, 2.0, "s"), default=0.0, help="delay of every link, always [s] (default 0)"
     )
     flags.add_argument(
-        "--noise", type=number(0.0, 0.1), default=0.0,
+        "--noise", type=number(0.0, 0.1, "m"), default=0.0,
         help="standard deviation of odometry, which the mission then states too [m] (default: the mission's)",
     )  # fmt: skip
     flags.add_argument(
-        "--seconds", type=number(0.0, MAX_HORIZON), default=0.0,
+        "--seconds", type=number(0.0, MAX_HORIZON, "s"), default=0.0,
         help=f"shortest run [s] (default: until the formation has settled after the last fault, which must"
         f" take at most {RECOVERY_TIME:.0f} s, among posts and walls {RECOVERY_TIME_AMONG_OBSTACLES:.0f} s)",
     )  # fmt: skip

@@ -190,17 +190,15 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
         return
     runs, touched = found["runs"], found["touched"]
     where = ("they touch" if touched else "none touch") if runs == 1 else f"touch in {touched} of {runs} runs"
-    idle = (
-        not mission.law.controller.collision_filter
-        or mission.collisions.mode != "on"
-        or not any(mission.avoided_by(name) for name in mission.followers)
-    )
+    idle = mission.collisions.mode != "on" or not any(mission.avoided_by(name) for name in mission.followers)
     nearest = "" if touched else f", {metres(found['nearest'])} apart at least"
     all_avoided = all(
         len(mission.avoided_by(name)) == len(mission.followers) - 1 for name in mission.followers
     )
     how = ""
-    if idle:
+    if not mission.law.controller.collision_filter:
+        how = f"; the {mission.law.kind} law has no collision filter: robots do not avoid each other"
+    elif idle:
         how = "; robots do not avoid each other"
     elif touched and not all_avoided:
         how = "; robots avoid only those that they measure: try --avoid, or scanners (formation rehearse)"
@@ -270,26 +268,30 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument(
         "--horizon",
-        type=number(0.0, MAX_HORIZON, open_below=True),
+        type=number(0.0, MAX_HORIZON, "s", open_below=True),
         metavar="S",
         help=f"length of a run, at most {MAX_HORIZON:g} [s]",
     )
     options.add_argument(
         "--spread",
-        type=number(0.0, MAX_SPREAD),
+        type=number(0.0, MAX_SPREAD, "m"),
         metavar="M",
         help="random starts within ± this of the slots [m]",
     )
     worse = options.add_argument_group("a worse world")
     worse.add_argument(
-        "--delay", type=number(0.0, 60.0), default=0.0, metavar="S", help="age of neighbours' positions [s]"
+        "--delay",
+        type=number(0.0, 60.0, "s"),
+        default=0.0,
+        metavar="S",
+        help="age of neighbours' positions [s]",
     )
     worse.add_argument(
         "--loss", type=number(0.0, 1.0), default=0.0, metavar="P", help="share of these that is lost, 0 to 1"
     )
     worse.add_argument(
         "--noise",
-        type=number(0.0, MAX_NOISE),
+        type=number(0.0, MAX_NOISE, "m"),
         metavar="M",
         help="standard deviation of odometry positions [m]",
     )

@@ -213,7 +213,11 @@ def _options() -> argparse.ArgumentParser:
         help="examine these, made by `formation deploy certificates`",
     )
     options.add_argument(
-        "--seconds", metavar="S", type=number(0.5, 600.0), default=3.0, help="time to listen [s] (default 3)"
+        "--seconds",
+        metavar="S",
+        type=number(0.5, 600.0, "s"),
+        default=3.0,
+        help="time to listen [s] (default 3)",
     )
     options.add_argument(
         "--robot-connect", metavar="ENDPOINT",

@@ -263,11 +263,18 @@ def _options() -> argparse.ArgumentParser:
         metavar="TOPIC",
         help="geometry_msgs/Twist or TwistStamped messages of this ROS topic; stamps do not count",
     )
-    limit = number(0.0, 100.0, open_below=True)
     options.add_argument(
-        "--speed", type=limit, metavar="M/S", help="greatest speed (default: what followers can follow)"
+        "--speed",
+        type=number(0.0, 100.0, "m/s", open_below=True),
+        metavar="M/S",
+        help="greatest speed (default: what followers can follow)",
     )
-    options.add_argument("--turn-rate", type=limit, metavar="RAD/S", help="greatest turn rate, likewise")
+    options.add_argument(
+        "--turn-rate",
+        type=number(0.0, 100.0, "rad/s", open_below=True),
+        metavar="RAD/S",
+        help="greatest turn rate, likewise",
+    )
     add_router(options)
     add_links(options)
     return options

@@ -272,7 +272,7 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument(
         "--speed",
-        type=number(0.0, 100.0, open_below=True),
+        type=number(0.0, 100.0, "m/s", open_below=True),
         metavar="M/S",
         help="speed on the route (default: 0.6 of the slowest robot's top speed)",
     )

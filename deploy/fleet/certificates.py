@@ -242,13 +242,13 @@ def _options() -> argparse.ArgumentParser:
     add_out(options, "folder for them, readable by you alone", metavar="DIR", required=True)
     options.add_argument(
         "--days",
-        type=number(0.0, 3650.0, open_below=True),
+        type=number(0.0, 3650.0, "days", open_below=True),
         default=DAYS,
         help=f"how long certificates are valid (default {DAYS:g}); none longer than the authority",
     )
     options.add_argument(
         "--ca-days",
-        type=number(0.0, 36500.0, open_below=True),
+        type=number(0.0, 36500.0, "days", open_below=True),
         default=AUTHORITY_DAYS,
         metavar="DAYS",
         help=f"how long a new authority is valid (default {AUTHORITY_DAYS:g})",

@@ -172,7 +172,10 @@ def _options() -> argparse.ArgumentParser:
     )
     add_mission(options, default="six_robots")
     options.add_argument(
-        "--duration", type=number(0.0, open_below=True), metavar="S", help="instead of the mission's [s]"
+        "--duration",
+        type=number(0.0, unit="s", open_below=True),
+        metavar="S",
+        help="instead of the mission's [s]",
     )
     options.add_argument(
         "--record", type=Path, metavar="FILE", help="the recording, MCAP (default: a new one in recordings/)"

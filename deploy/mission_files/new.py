@@ -303,7 +303,7 @@ def _options() -> argparse.ArgumentParser:
     least = ", ".join(f"{MIN_SLOT_RADII * profile.radius:g}" for profile in PROFILES.values())
     options.add_argument(
         "--spacing",
-        type=number(0.0, 100.0, open_below=True),
+        type=number(0.0, 100.0, "m", open_below=True),
         metavar="M",
         help=f"between neighbouring slots [m] (default {spacings}; at least {least})",
     )

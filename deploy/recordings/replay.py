@@ -227,14 +227,14 @@ def _options() -> argparse.ArgumentParser:
     )  # fmt: skip
     options.add_argument(
         "--start",
-        type=number(0.0),
+        type=number(0.0, unit="s"),
         default=0.0,
         metavar="S",
         help="where to begin, from the recording's start [s]",
     )
     options.add_argument(
         "--until",
-        type=number(0.0),
+        type=number(0.0, unit="s"),
         default=math.inf,
         metavar="S",
         help="where to end, from the recording's start [s]",

@@ -169,7 +169,7 @@ def _options() -> argparse.ArgumentParser:
         help="formats of the figures: png, svg, pdf (default png,svg)",
     )  # fmt: skip
     options.add_argument(
-        "--until", type=number(0.0, open_below=True), metavar="S",
+        "--until", type=number(0.0, unit="s", open_below=True), metavar="S",
         help="last moment of the panels [s] (default: what it takes to see the formation form)",
     )  # fmt: skip
     add_json(options)

@@ -105,7 +105,10 @@ def test_bad_route_file_is_refused_in_one_line(
         ("shape", "shape: must be one of hexagon, wedge"),
         ("shape circle", "shape 'circle': must be one of hexagon, wedge"),
         ("stop wedge", "stop is for all robots and takes nothing more; here: wedge. All robots: formation"),
-        ("rotate", "rotate takes DEG; here: nothing"),
+        (
+            "rotate",
+            "rotate takes DEG (turn the shape, counter-clockwise from how it is drawn); here: nothing",
+        ),
         ("rotate left", "rotate DEG: 'left': must be a number"),
         ("rotate 4000", "degrees = 4000.0: must be less than or equal to 3600"),
         ("rotate nan", "degrees = nan: must be a finite number"),
@@ -117,7 +120,10 @@ def test_bad_route_file_is_refused_in_one_line(
         ("tune k_p=fast", "tune k_p: 'fast': must be a number"),
         ("tune k_p=-1", "tune: k_p = -1.0: must be greater than or equal to 0.001"),
         ("tune k_p=60 k_i=1", "k_p = 60: overshoots at robot2's 20 Hz, eigenvalue"),
-        ("speed 0.1", "speed takes V and HEADING; here: 0.1"),
+        (
+            "speed 0.1",
+            "speed takes V and HEADING (straight on from here, V m/s, towards HEADING degrees); here: 0.1",
+        ),
         ("speed -0.1 0", "speed = -0.1: must be greater than or equal to 0"),
         ("route nothing.toml", "nothing.toml: no such file"),
     ],

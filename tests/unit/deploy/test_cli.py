@@ -210,15 +210,15 @@ def test_law_flag_overrides_law_of_mission() -> None:
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-1", "0", "1e999"])
 def test_number_refuses_nonpositive_and_nonfinite_values(text: str) -> None:
-    with pytest.raises(Exception, match=f"{text}: must be above 0 and finite"):
-        number(0.0, open_below=True)(text)
+    with pytest.raises(Exception, match=f"{text}: must be above 0 m and finite"):
+        number(0.0, unit="m", open_below=True)(text)
 
 
 @pytest.mark.parametrize("text", ["-1", "1s"])
 def test_order_timeout_is_refused_with_its_legal_range(text: str, capsys: Capsys) -> None:
     said = refused(capsys, ["order", "six_robots", "stop", "--timeout", text])
     shown, must = (text, "be") if text == "-1" else (repr(text), "be a number without a unit,")
-    assert said.startswith(f"formation: --timeout: {shown}: must {must} above 0 and at most 600;")
+    assert said.startswith(f"formation: --timeout: {shown}: must {must} above 0 and at most 600 s;")
 
 
 @pytest.mark.parametrize("command", ["push", "status", "rollback"])

@@ -111,7 +111,7 @@ def test_single_run_uses_mission_starts_many_use_seed(capsys: Capsys) -> None:
 def test_report_states_that_paper_law_does_not_avoid(capsys: Capsys) -> None:
     text, result = simulated(capsys, "--runs", "20", "--seed", "1", "--law", "paper")
     assert f"bodies           touch in {result['touched']} of 20 runs" in text
-    assert "; robots do not avoid each other" in text
+    assert "; the paper law has no collision filter: robots do not avoid each other" in text
     assert (result["touched"] > 0) == (result["nearest"] < 0.0)
 
 
@@ -123,6 +123,11 @@ def test_report_states_touching_and_avoidance(capsys: Capsys) -> None:
     assert "robots avoid only those that they measure: try --avoid" in some
     all_avoid = output_of(capsys, ["simulate", "six_robots", "--runs", "40", "--avoid", *SHORT])
     assert "touch in 0 of 40 runs" in all_avoid
+
+
+def test_avoid_flag_without_effect_is_explained(capsys: Capsys) -> None:
+    text = output_of(capsys, ["simulate", "turtlebot3_pair", "--law", "paper", "--avoid", "--horizon", "1"])
+    assert "; the paper law has no collision filter: robots do not avoid each other\n" in text
 
 
 @pytest.mark.slow
@@ -158,10 +163,10 @@ def test_delay_loss_noise_and_quantised_flags_reach_simulation(monkeypatch: pyte
         (["--runs", "0"], "at least 1"),
         (["--runs", "1000000000"], "at most 100000"),
         (["--runs", "1.5"], "--runs: '1.5': must be a whole number, at least 1 and at most 100000"),
-        (["--delay", "1s"], "--delay: '1s': must be a number without a unit, at least 0 and at most 60"),
-        (["--delay", "-1"], "at least 0"),
+        (["--delay", "1s"], "--delay: '1s': must be a number without a unit, at least 0 and at most 60 s;"),
+        (["--delay", "-1"], "--delay: -1: must be at least 0 and at most 60 s;"),
         (["--loss", "1.5"], "at most 1"),
-        (["--noise", "nan"], "at least 0"),
+        (["--noise", "nan"], "--noise: nan: must be at least 0 and at most 10 m;"),
         (["--horizon", "0"], "above 0"),
         (["--horizon", "0.0001"], "at least one step"),
         (["--plot", "figure.bmp"], "must end in .png, .svg or .pdf"),
