@@ -79,7 +79,9 @@ def main(arguments: Sequence[str]) -> int:
     written = None if out is None else _write(options.mission, mission, places, out)
     end = "nothing was written"
     if written is not None:
-        state = "changed" if written else "unchanged" if options.out is None else "written, nothing changed"
+        state = "changed" if written else "unchanged"
+        if options.out is not None:
+            state = "written" if written else "written, nothing changed"
         end = f"{out}: {state}\n\nnext:\n  formation check {quote(str(out))}"
     text = "\n".join([*words(mission, places), "", end])
     print_result(options, text, lambda: report(mission, places, options.least, out))

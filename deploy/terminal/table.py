@@ -151,7 +151,8 @@ def _row(
     title = f"{name} ({called})" if leads and name != LEADER else name
     error = metres(robot.error)
     if robot.error is None and robot.known_error is not None:  # over some neighbours: a lower bound
-        error = f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
+        least = metres(robot.known_error)
+        error = f"{'>=' if ascii_only else '≥'}{'0 mm' if least.startswith('<') else least}"
     short = title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")
     heading = "-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"
     turn_limit = None if leads else limits.max_turn_rate

@@ -103,8 +103,15 @@ def readings(runs: int) -> None:
     for one in READINGS:
         mission = one.build(kind="paper")
         found = simulate(mission, runs=runs, seed=SEED, options=one.options, **one.times).summary()  # type: ignore[arg-type]
-        share = 100.0 * found["converged_fraction"]
-        print(f"| {one.name} | {share:.0f} % | {times(found) if share else '–'} |", flush=True)
+        print(f"| {one.name} | {converged_cells(found)} |", flush=True)
+
+
+def converged_cells(found: Mapping[str, Any]) -> str:
+    """Return the share of starts that converge, and their times; of under one in a hundred no times."""
+    share = 100.0 * found["converged_fraction"]
+    if share < 1.0:
+        return f"{'under 1' if share else '0'} % | –"
+    return f"{share:.0f} % | {times(found)}"
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ INTRODUCTION = """This is what `formation COMMAND --help` says. A MISSION is a T
 bundles, or the name of a shipped mission; [mission-keys.md](mission-keys.md) has its keys. A
 command that writes a file makes missing folders; an option with one value is given at most once."""
 EXIT_CODES = """Exit codes of every command: 0 done as asked; 1 it ran, with another result than asked; 2
-refused, nothing was started; 130 interrupted."""
+refused, nothing was started; 130 interrupted. `replay --verify` also has 3: too little to judge."""
 
 
 class _Found(Exception):  # noqa: N818 - ends a command as soon as it has made its parser

@@ -13,6 +13,7 @@ from formation.mission.model import Mission
 from formation.simulation.ensemble import Starts
 from tests.campaigns.bench import control_trials, lower_bound
 from tests.campaigns.bench.control_trials import FIELD, SEED, STIFF, Contender
+from tests.campaigns.bench.table import converged_cells
 from tests.unit.formation import scenarios
 
 OFFSET, TOP, TURN, SETTLED = 0.2, 1.5, 1.5, 0.05
@@ -74,3 +75,12 @@ def test_bound_by_body_never_exceeds_time_of_a_drive() -> None:
             took += duration
         mission = behind_a_leader_at_rest(complex(control_point(position, facing, OFFSET)))
         assert lower_bound.by_body(mission, start(heading))[0] <= took
+
+
+@pytest.mark.parametrize(
+    ("share", "cells"),
+    [(0.0, "0 % | –"), (0.0025, "under 1 % | –"), (0.37, "37 % | 2.0 / 3.0 s"), (1.0, "100 % | 2.0 / 3.0 s")],
+)
+def test_readings_give_no_times_of_under_one_percent(share: float, cells: str) -> None:
+    found = {"converged_fraction": share, "settling_time": {"median": 2.0, "p95": 3.0}}
+    assert converged_cells(found) == cells

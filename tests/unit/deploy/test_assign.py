@@ -56,6 +56,7 @@ def test_copy_without_changes_is_reported_as_written(capsys: Capsys) -> None:
     text = output_of(capsys, ["assign", "turtlebot3_pair", "--out", "new/copy.toml"])
     assert "\nnew/copy.toml: written, nothing changed\n" in text
     assert load("new/copy.toml") == load("turtlebot3_pair")
+    assert "\nsix.toml: written\n" in output_of(capsys, ["assign", "six_robots", "--out", "six.toml"])
 
 
 @pytest.mark.parametrize("robots", [3, 8, *slow(50)])

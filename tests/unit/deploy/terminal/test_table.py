@@ -6,6 +6,7 @@ import io
 import itertools
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -340,6 +341,13 @@ def test_partial_error_shows_known_and_unknown_edges() -> None:
     assert ">=3.0 mm" in row(picture(now, ascii_only=True), "robot5")
     assert "error 12 mm over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)  settled" in line(now)
     assert now.errors[-1] == 0.012
+
+
+def test_tiny_lower_bound_of_partial_error_is_zero() -> None:
+    now, silent = progress(), deepcopy(SILENT)
+    silent["robots"]["robot5"]["known"] = [1e-5, 1, 2]
+    now.add_snapshot(Snapshot.of(silent))
+    assert "  ≥0 mm  " in row(picture(now), "robot5")
 
 
 def drawn(event: dict[str, Any], *, dead: str = "", ascii_only: bool = False) -> list[str]:
