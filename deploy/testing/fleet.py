@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
 
+from formation.control.laws import LAWS
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.monitor.metrics.settling import DWELL_TIME
@@ -65,6 +67,27 @@ class DrivenFleet(ABC):
 
 
 def mission_of(mission: str | Path, law: str | None = None) -> Mission:
-    """Return the mission in a file, of a name, or in a text, under `law`. Raises MissionError."""
+    """Return the mission in a file, of a name, or in a text, under `law`. Raises MissionError, ValueError."""
     found = parse(str(mission)) if "\n" in str(mission) else load(mission)
+    if law is not None:
+        check_name(law, LAWS)
     return found if law is None else found.under(law)
+
+
+def check_name(name: str, legal: Iterable[str]) -> None:
+    """Raise ValueError for a name that is none of `legal`."""
+    if name not in (known := list(legal)):
+        raise ValueError(f"{name!r}: must be one of {', '.join(known)}")
+
+
+def group(names: Iterable[str], legal: Iterable[str]) -> list[str]:
+    """Return a group of robots and candidates, which may be the name of one. Raises ValueError."""
+    known = list(legal)
+    for name in (found := several(names)):
+        check_name(name, known)
+    return found
+
+
+def several(texts: Iterable[str]) -> list[str]:
+    """Return `texts` as a list; one text is a list of one, not of its letters."""
+    return [texts] if isinstance(texts, str) else list(texts)

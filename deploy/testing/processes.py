@@ -12,11 +12,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from formation.agent.simulated.faults import parse
 from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.plan import Program, leaders, programs
 from formation.deploy.local.ports import Ports
 from formation.deploy.terminal.snapshot import NOTHING_KNOWN, RobotNow, Snapshot
-from formation.deploy.testing.fleet import DrivenFleet, mission_of
+from formation.deploy.testing.fleet import DrivenFleet, check_name, group, mission_of, several
 from formation.deploy.testing.relays import HOST, Relays
 from formation.monitor.metrics.event import Event
 from formation.protocol.outcome import Outcome
@@ -64,6 +65,8 @@ class ProcessFleet(DrivenFleet):
         for name in drivers:
             if name not in self.mission.followers:
                 raise ValueError(f"drivers: {name}: must be one of {', '.join(self.mission.followers)}")
+        for text in several(faults):
+            check_name(parse(text, self.mission).robot, self.mission.followers)
         self._held, self._closed = ExitStack(), False
         self._frozen: set[str] = set()  # names of processes
         self._cuts: set[tuple[str, str]] = set()
@@ -86,7 +89,7 @@ class ProcessFleet(DrivenFleet):
                     law=law,
                     watchdogs=watchdogs,
                     page=("--no-page",),
-                    world=[word for fault in faults for word in ("--fault", fault)],
+                    world=[word for fault in several(faults) for word in ("--fault", fault)],
                     patience=START_TIMEOUT_SECONDS,
                     simulated=[name for name in self.mission.followers if drivers and name not in drivers],
                 )
@@ -148,9 +151,10 @@ class ProcessFleet(DrivenFleet):
     def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
         """Cut the links between two groups of robots, leader and standbys, until `heal`.
 
-        What is sent meanwhile waits, and arrives then.
+        What is sent meanwhile waits, and arrives then. Raises ValueError for an unknown name.
         """
-        pairs = set(product(some, others))
+        known = wiring.members(self.mission)
+        pairs = set(product(group(some, known), group(others, known)))
         self._cuts |= pairs
         self._relays.cut(pairs, is_cut=True)
 
@@ -244,8 +248,7 @@ class ProcessFleet(DrivenFleet):
     def _process(self, name: str) -> str:
         """Return the name of the process of a robot or candidate. Raises ValueError."""
         candidates = leaders(self.mission)
-        if name not in wiring.members(self.mission):
-            raise ValueError(f"{name!r}: must be one of {', '.join(wiring.members(self.mission))}")
+        check_name(name, wiring.members(self.mission))
         return candidates.get(name, f"agent {name}")
 
     def _child(self, name: str) -> Child:

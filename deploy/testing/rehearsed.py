@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.engine import EPOCH, VirtualProcess
 from formation.deploy.rehearsal.faults import SENSORS, inject, parse
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
-from formation.deploy.rehearsal.operator import Operator
+from formation.deploy.rehearsal.operator import DESK, Operator
 from formation.deploy.rehearsal.rules.commands import command_in
 from formation.deploy.rehearsal.rules.judge import LOOK_PERIOD, Judge, Violation
-from formation.deploy.testing.fleet import DrivenFleet, mission_of
+from formation.deploy.testing.fleet import DrivenFleet, check_name, group, mission_of, several
 from formation.protocol.outcome import Answer, Outcome
 from formation.protocol.request import OperatorReply, OperatorRequest
 from formation.stability import intent
@@ -25,6 +25,8 @@ from formation.wire import Outgoing
 
 ORDER_TIMEOUT_SECONDS = 3.0
 """Wait for the answers to an order [s]."""
+MAX_DELAY = 60.0
+"""Greatest delay of all links [s]."""
 
 
 class BrokenRuleError(AssertionError):
@@ -63,7 +65,10 @@ class RehearsedFleet(DrivenFleet):
     ) -> None:
         self.mission = mission_of(mission, law)
         self.seed, self.strict = seed, strict
-        given = [parse(text, self.mission) for text in faults]
+        check_name(world, get_args(WorldName))
+        _check_range("loss", loss, 1.0)
+        _check_range("delay", delay, MAX_DELAY, " s")
+        given = [parse(text, self.mission) for text in several(faults)]
         of_sensors = [one for one in given if one.kind in SENSORS]
         self._fleet = Fleet(self.mission, seed, Weather(loss, delay), of_sensors, world, signed=signed)
         self._operator = Operator(self._fleet)
@@ -107,7 +112,7 @@ class RehearsedFleet(DrivenFleet):
 
     def position(self, robot: str) -> complex:
         """Return the true centre of a follower [m; world frame]. Raises ValueError for other names."""
-        _check(robot, self.mission.followers)
+        check_name(robot, self.mission.followers)
         return next(place for name, place, _ in self._fleet.discs() if name == robot)
 
     def nearest(self) -> float:
@@ -116,45 +121,49 @@ class RehearsedFleet(DrivenFleet):
 
     def state(self, robot: str) -> str:
         """Return the state of a follower's agent, such as ``run`` or ``hold``."""
-        _check(robot, self.mission.followers)
+        check_name(robot, self.mission.followers)
         return self._fleet.agents[robot][0].decision.state.value
 
     def reason(self, robot: str) -> str:
         """Return why a follower's agent is in its state, in words."""
-        _check(robot, self.mission.followers)
+        check_name(robot, self.mission.followers)
         return str(self._fleet.agents[robot][0].decision.reason)
 
     def command(self, robot: str) -> Command:
         """Return the newest command to a follower: forward speed [m/s] and turn rate [rad/s]."""
-        _check(robot, self.mission.followers)
+        check_name(robot, self.mission.followers)
         return self._commands.get(robot, AT_REST)
 
     def kill(self, name: str) -> None:
         """Kill the agent of a follower, or a candidate, as SIGKILL does. Raises ValueError for others."""
-        _check(name, wiring.members(self.mission))
+        check_name(name, wiring.members(self.mission))
         self._judge.expect("kill")
         self._fleet.kill(name)
 
     def start(self, name: str) -> None:
         """Start it again, with what is on its disk."""
-        _check(name, wiring.members(self.mission))
+        check_name(name, wiring.members(self.mission))
         self._fleet.start(name)
 
     def freeze(self, name: str) -> None:
         """Suspend it, as SIGSTOP does."""
-        _check(name, wiring.members(self.mission))
+        check_name(name, wiring.members(self.mission))
         self._judge.expect("freeze")
         self._fleet.process_of(name).freeze()
 
     def thaw(self, name: str) -> None:
         """Let it continue."""
-        _check(name, wiring.members(self.mission))
+        check_name(name, wiring.members(self.mission))
         self._fleet.process_of(name).thaw()
 
     def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
-        """Lose all messages between two groups of robots, leader and standbys, until `heal`."""
+        """Lose all messages between two groups of robots, leader and standbys, until `heal`.
+
+        Raises ValueError for an unknown name.
+        """
+        known = (*wiring.members(self.mission), DESK)
+        pairs = list(product(group(some, known), group(others, known)))
         self._judge.expect("cut")
-        pairs = list(product(some, others))
         self._cuts.append(pairs + [(other, one) for one, other in pairs])
         self._fleet.air.cut(self._cuts[-1])
 
@@ -211,7 +220,6 @@ class RehearsedFleet(DrivenFleet):
             self._commands[name] = command_in(self.mission, name, out.payload)
 
 
-def _check(name: str, legal: Iterable[str]) -> None:
-    """Raise ValueError for a name that is none of `legal`."""
-    if name not in (known := list(legal)):
-        raise ValueError(f"{name!r}: must be one of {', '.join(known)}")
+def _check_range(name: str, value: float, highest: float, unit: str = "") -> None:
+    if not 0.0 <= value <= highest:
+        raise ValueError(f"{name} = {value:g}: must be from 0 to {highest:g}{unit}")

@@ -78,6 +78,12 @@ def drive_by_keys(fleet: ProcessFleet) -> None:
     os.close(keyboard)
 
 
+def test_illegal_fault_is_refused_before_processes_start(process_fleet: MakeProcesses) -> None:
+    for fault in ("robot9:frozen@3", "robot2:melt@3"):
+        with pytest.raises(ValueError, match=r"(robot9'|melt): must be one of"):
+            process_fleet("turtlebot3_pair", faults=[fault])
+
+
 def test_driver_of_unknown_robot_is_refused(process_fleet: MakeProcesses) -> None:
     with pytest.raises(ValueError, match="drivers: robot9: must be one of robot1, robot2"):
         process_fleet(PAIR, drivers={"robot9": ["true"]})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from typing import Any
 
 import pytest
 
@@ -61,6 +62,33 @@ def test_unknown_robot_is_refused_by_name(rehearsed_fleet: MakeRehearsed) -> Non
     for method in (*of_processes, fleet.state, fleet.reason, fleet.position, fleet.command):
         with pytest.raises(ValueError, match=r"'robot9': must be one of .*robot1, robot2"):
             method("robot9")
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"law": "pape"}, "'pape': must be one of field, paper, proportional"),
+        ({"world": "gazebo"}, "'gazebo': must be one of kinematic, mujoco"),
+        ({"loss": 20.0}, "loss = 20: must be from 0 to 1$"),
+        ({"delay": -1.0}, "delay = -1: must be from 0 to 60 s"),
+        ({"faults": "robot1:melt@3"}, "'robot1:melt@3': melt: must be one of loss"),
+    ],
+)
+def test_illegal_option_is_refused_by_name(
+    rehearsed_fleet: MakeRehearsed, options: dict[str, Any], why: str
+) -> None:
+    with pytest.raises(ValueError, match=why):
+        rehearsed_fleet("turtlebot3_pair", **options)
+
+
+def test_cut_takes_names_of_robots_and_candidates_only(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    with pytest.raises(ValueError, match="'robot9': must be one of leader, robot1, robot2"):
+        fleet.cut(["robot2"], ["robot1", "robot9"])
+    fleet.run(4.0)
+    fleet.cut("robot2", "leader")
+    fleet.run(2.0)
+    assert fleet.state("robot2") == "hold"
 
 
 @pytest.mark.slow
