@@ -105,10 +105,10 @@ def _words(
     settled = [one.settled_at for one in verdicts if one.settled_at is not None]
     if settled:
         text.append(
-            f"  settled at       {statistics.median(settled):.1f} s median, {max(settled):.1f} s worst"
+            f"  settled by       {statistics.median(settled):.1f} s median, {max(settled):.1f} s worst"
         )
     if endless := [spelled(one) for one in plan.faults if one.lasts == math.inf]:
-        text.append(f"  settled at       not judged, for want of an end: {', '.join(endless)}; add +SECONDS")
+        text.append(f"  settled by       not judged, for want of an end: {', '.join(endless)}; add +SECONDS")
     nearest = min(verdicts, key=lambda one: one.nearest)
     if nearest.nearest < math.inf:
         text.append(f"  nearest bodies   seed {nearest.seed}: {_room(nearest)}")

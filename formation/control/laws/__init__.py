@@ -32,11 +32,14 @@ def by_name(modules: Iterable[ModuleType]) -> Mapping[str, Controller]:
     for module in modules:
         law = getattr(module, "CONTROLLER", None)
         if not isinstance(law, Controller):
-            raise ImportError(f"{module.__file__}: must define CONTROLLER, a Controller of formation.control")
+            raise ImportError(
+                f"{module.__file__}: must define CONTROLLER, a Controller of formation.control", name=__name__
+            )
         if law.name in laws:
             other = laws[law.name].step.__module__
             raise ImportError(
-                f"{module.__file__}: CONTROLLER: {other} has the name {law.name!r} too: rename one"
+                f"{module.__file__}: CONTROLLER: {other} has the name {law.name!r} too: rename one",
+                name=__name__,
             )
         laws[law.name] = law
     return MappingProxyType(laws)

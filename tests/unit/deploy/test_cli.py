@@ -9,11 +9,12 @@ import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
 from formation.agent.watchdog import __main__ as watchdog
+from formation.control.laws import by_name
 from formation.deploy import cli
 from formation.deploy.arguments import as_json, number, read_mission
 from formation.deploy.refusal import Refusal
@@ -150,6 +151,20 @@ def test_missing_extra_prints_pip_install_line(
     stand_in(monkeypatch, ModuleNotFoundError("none", name=f"{package}.sub"))
     assert cli.main(["monitor"]) == 2
     assert f"pip install '.[{extra}]' in a clone" in capsys.readouterr().err
+
+
+def test_wrong_file_of_a_law_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
+    wrong = ModuleType("mine")
+    wrong.__dict__["__file__"] = "mine.py"
+    with pytest.raises(ImportError) as found:
+        by_name([wrong])
+    stand_in(monkeypatch, found.value)
+    assert cli.main(["monitor"]) == 2
+    why = "mine.py: must define CONTROLLER, a Controller of formation.control"
+    assert capsys.readouterr() == ("", f"formation: {why}\n")
+    stand_in(monkeypatch, ImportError("other", name="other"))
+    with pytest.raises(ImportError):
+        cli.main(["monitor"])
 
 
 def test_missing_formation_module_raises_module_not_found_error(monkeypatch: pytest.MonkeyPatch) -> None:

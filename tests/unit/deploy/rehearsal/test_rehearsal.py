@@ -327,7 +327,7 @@ def test_only_kinds_that_the_mission_can_have_are_counted(capsys: Capsys) -> Non
     out = capsys.readouterr().out
     lacking = sum(kind.endswith(("_frozen", "_late")) for kind in KINDS) + len(INSIDERS)
     assert f"faults: robot1:cut@9, all {len(KINDS) - lacking} kinds\n" in out
-    assert "  settled at       not judged, for want of an end: robot1:cut@9; add +SECONDS\n" in out
+    assert "  settled by       not judged, for want of an end: robot1:cut@9; add +SECONDS\n" in out
 
 
 @pytest.mark.parametrize(
