@@ -9,6 +9,7 @@ from __future__ import annotations
 import cmath
 import hashlib
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -270,13 +271,19 @@ class Mission(Table):
 
         The virtual leader has no body, and with collisions "off" no robot avoids another.
         """
-        if robot == self.leader or self.collisions.mode == "off":
-            return ()
-        spec = self.robots[robot]
-        more = self.followers if spec.avoid == "all" else spec.avoid
-        return tuple(
-            name for name in self.followers if name != robot and (name in spec.measurable or name in more)
-        )
+        return self.avoidance.get(robot, ())
+
+    @cached_property
+    def avoidance(self) -> Mapping[str, tuple[str, ...]]:
+        """What `avoided_by` gives for each follower."""
+        if self.collisions.mode == "off":
+            return {}
+        found = {}
+        for robot in self.followers:
+            spec = self.robots[robot]
+            avoided = {*spec.measurable, *(self.followers if spec.avoid == "all" else spec.avoid)} - {robot}
+            found[robot] = tuple(name for name in self.followers if name in avoided)
+        return found
 
     def received_by(self, robot: str) -> tuple[str, ...]:
         """Publishers of the positions that `robot` receives: measured robots, then others to avoid."""

@@ -99,6 +99,12 @@ def test_avoided_by_excludes_itself_and_virtual_leader() -> None:
     assert SIX.avoided_by("robot4") == ()
 
 
+def test_avoided_robots_are_found_once() -> None:
+    """`formation check` asks for them some hundred times for each pair of 200 robots."""
+    mission = scenarios.clearing(SIX)
+    assert mission.avoided_by("robot4") is mission.avoided_by("robot4")
+
+
 HORIZON, STEP = 60.0, 0.02
 """[s]"""
 LATE, SHAKEN = (9, 83, 206, 298, 349, 383), (9, 37, 74, 83, 98, 157)
