@@ -77,9 +77,15 @@ def main(arguments: Sequence[str]) -> int:
 def _verdicts(plan: Plan, options: argparse.Namespace) -> list[Verdict]:
     """Rehearse every seed; the result does not depend on the number of processes."""
     seeds = range(options.seed, options.seed + options.seeds)
-    verdicts = []
+    verdicts: list[Verdict] = []
     with Bar(f"{plan.mission.name}, {_count(options.seeds)}") as bar:
-        for verdict in each(partial(rehearse, plan), seeds, options.jobs, options.dask):
+
+        def show_progress(share: float) -> None:
+            bar.at((len(verdicts) + share) / options.seeds)
+
+        here = options.jobs == 1 and not options.dask  # other processes only return verdicts
+        one = partial(rehearse, plan, progress=show_progress) if here else partial(rehearse, plan)
+        for verdict in each(one, seeds, options.jobs, options.dask):
             verdicts.append(verdict)
             bar.at(len(verdicts) / options.seeds)
     return verdicts

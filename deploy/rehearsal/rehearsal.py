@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +24,7 @@ START_TIME = 15.0
 """The formation need not settle before this [s]."""
 SETTLE_PERIOD = 0.5
 """Period of the checks whether the formation has settled [s]."""
+Progress = Callable[[float], None]
 
 
 class Plan(NamedTuple):
@@ -83,15 +84,16 @@ class Verdict(NamedTuple):
         }
 
 
-def rehearse(plan: Plan, seed: int) -> Verdict:
+def rehearse(plan: Plan, seed: int, progress: Progress | None = None) -> Verdict:
     """Rehearse `plan` with the faults that `seed` draws."""
-    return run(plan, seed, (*plan.faults, *draw(plan.mission, plan.kinds, seed)))
+    return run(plan, seed, (*plan.faults, *draw(plan.mission, plan.kinds, seed)), progress)
 
 
-def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
+def run(plan: Plan, seed: int, faults: Sequence[Fault], progress: Progress | None = None) -> Verdict:
     """Rehearse `plan` with `faults`, until the formation has settled or should have.
 
-    Raises RecordingError if the recording cannot be started.
+    `progress` is called with the share of the rehearsed time until the last fault that is over. Raises
+    RecordingError if the recording cannot be started.
     """
     of_sensors = [one for one in faults if one.kind in SENSORS]
     fleet = Fleet(plan.mission, seed, plan.weather, of_sensors, plan.world, signed=plan.signed)
@@ -110,6 +112,8 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
         time += LOOK_PERIOD
         fleet.engine.run(time)
         judge.look()
+        if progress is not None:
+            progress(min(time / last, 1.0))
         if forever and time > last + START_TIME:
             break
         if not forever and time >= checked:

@@ -127,6 +127,16 @@ def test_run_lasts_until_endless_fault_has_begun(monkeypatch: pytest.MonkeyPatch
     assert verdict.seconds > 4.0 + 1.0
 
 
+def test_progress_rises_within_one_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rehearsal, "START_TIME", 2.0)
+    shares: list[float] = []
+    run(Plan(PAIR), 0, (), shares.append)
+    assert len(shares) > 10
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < 0.1
+    assert shares[-1] == 1.0
+
+
 def test_formation_rule_is_not_judged_after_endless_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal, "START_TIME", 5.0)
     assert not breaks(rehearsed("leader:kill@3", mission=PAIR), "formation")
@@ -283,7 +293,8 @@ def test_overlap_is_printed_with_whether_it_was_judged(
 ) -> None:
     broken = () if rule is None else (Violation(rule, 1.0, "robot1", "bodies overlap"),)
     monkeypatch.setattr(
-        "formation.deploy.rehearse.rehearse", lambda _, seed: Verdict(seed, (), broken, 1.0, -0.11, 1.0)
+        "formation.deploy.rehearse.rehearse",
+        lambda _, seed, **_progress: Verdict(seed, (), broken, 1.0, -0.11, 1.0),
     )
     monkeypatch.setattr("formation.deploy.rehearse.shrunk", lambda _, verdict: verdict.faults)
     main(["turtlebot3_pair", "--faults", "none"])
@@ -311,7 +322,7 @@ def test_rehearse_draws_given_fault_kinds_for_each_seed(
     monkeypatch.setattr(
         rehearsal,
         "run",
-        lambda _, seed, drawn: Verdict(seed, drawn, (), settled_at=1.0, nearest=1.0, seconds=1.0),
+        lambda _, seed, drawn, _progress: Verdict(seed, drawn, (), settled_at=1.0, nearest=1.0, seconds=1.0),
     )
     assert main(["turtlebot3_pair", "--faults", "clock,full", "--seeds", "9", "--json"]) == 0
     runs = json.loads(capsys.readouterr().out)["runs"]
