@@ -13,7 +13,7 @@ from formation.agent.core import Agent
 from formation.agent.persistence.persistence import Persistence
 from formation.agent.persistence.store import Store, boot_id
 from formation.agent.process import drive
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, UNUSABLE, why_unusable
 from formation.mission.file import load
 from formation.transport import wiring
 from formation.transport.runtime.flags import add_robot_connect, bus_config, parser, robot_bus
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     flags.add_argument(
         "--robot", required=True, metavar="NAME", help="which follower of the mission to drive"
     )
-    flags.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
+    flags.add_argument("--law", choices=[*LAWS, *UNUSABLE], help="the control law, instead of the mission's")
     flags.add_argument(
         "--readonly", action="store_true", help="do everything but send the robot commands: nothing moves"
     )
@@ -55,6 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
+    if (why := why_unusable(args.law or mission.law.kind)) is not None:
+        raise BadInput(f"{args.mission}: {why}")
     name = follower_of(mission, args.robot, args.mission)
     links = wiring.of_member(mission, name, wiring.endpoints(mission))
     config = bus_config(args, mission, links, f"agent {name}")

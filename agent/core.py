@@ -30,7 +30,7 @@ from formation.agent.safety.failsafe import Decision
 from formation.agent.safety.latch import HALTED, Latch, LatchState, is_own
 from formation.agent.status import Surroundings, facts, status
 from formation.control.controller import error
-from formation.control.laws import LAWS
+from formation.control.laws import law_of, why_unusable
 from formation.control.pipeline import (
     ControlState,
     Inputs,
@@ -121,11 +121,11 @@ class Agent:
         if robot not in mission.followers:
             followers = ", ".join(mission.followers)
             raise ValueError(f"robot {robot!r}: must be a follower of {mission.name}: {followers}")
-        if law is not None and law not in LAWS:
-            raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
+        if (why := why_unusable(law or mission.law.kind)) is not None:
+            raise ValueError(why)
         spec = mission.robots[robot]
         self.robot = robot
-        self.controller = LAWS[law or mission.law.kind]
+        self.controller = law_of(law or mission.law.kind)
         """Its control law."""
         self.mission, self._spec = mission, spec
         self.readonly, self.publisher_id = readonly, publisher_id

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, why_unusable
 from formation.deploy.refusal import Refusal, refuse_errors, refuse_os_errors
 from formation.mission.file import MISSION_HELP, MissionError, load
 from formation.mission.model import Mission
@@ -37,7 +37,18 @@ def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law:
         help=MISSION_HELP + (f" (default {default})" if default else ""),
     )
     if law:
-        to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
+        add_law(to, "instead of the mission's")
+
+
+def add_law(to: argparse.ArgumentParser, instead: str) -> None:
+    """Add --law, with words about what it replaces."""
+    to.add_argument("--law", type=_law, metavar=f"{{{','.join(LAWS)}}}", help=f"the control law, {instead}")
+
+
+def _law(text: str) -> str:
+    if (why := why_unusable(text)) is not None:
+        raise argparse.ArgumentTypeError(why)
+    return text
 
 
 def add_dask(to: argparse.ArgumentParser) -> None:
@@ -71,6 +82,17 @@ def read_mission(name: str, law: str | None = None) -> Mission:
     with refuse_errors(MissionError):
         mission = load(name)
     return mission if law is None else mission.under(law)
+
+
+def read_driven(name: str, law: str | None = None) -> Mission:
+    """Return the mission, with `law` if given, for what drives or simulates robots. Raises Refusal.
+
+    Commands that stop robots, or only show them, do without the law's file.
+    """
+    mission = read_mission(name, law)
+    if (why := why_unusable(mission.law.kind)) is not None:
+        raise Refusal(f"{name}: {why}")
+    return mission
 
 
 def number(

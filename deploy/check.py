@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_mission, parser, print_result, read_mission
+from formation.deploy.arguments import add_json, add_mission, parser, print_result, read_driven
 from formation.deploy.refusal import refuse_errors
 from formation.deploy.terminal.bar import message_if_slow, warn_if_slow
 from formation.mission.model import Mission
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
     add_mission(flags)
     add_json(flags)
     options = flags.parse_args(arguments)
-    mission = read_mission(options.mission, options.law)
+    mission = read_driven(options.mission, options.law)
     warn_if_slow()
     text = "checking; with many robots, and the first time, this takes ten seconds and more"
     with message_if_slow(text), refuse_errors(LawError):

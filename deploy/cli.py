@@ -20,9 +20,6 @@ from typing import NamedTuple
 from formation.deploy.refusal import Refusal
 from formation.transport.runtime.command_line import EXTRAS, Parser, needs
 
-LAWS_MODULE = "formation.control.laws"
-"""Its import fails, with words for people, where a file of a law is wrong."""
-
 
 class Command(NamedTuple):
     """A subcommand: a function of a module, ``function(arguments) -> exit code``."""
@@ -131,8 +128,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Refusal as refusal:
         print(f"formation: {refusal}", file=sys.stderr)
         code = 2
-    except ImportError as error:
-        code = _not_imported(error)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        print(f"formation: this {needs(package)}", file=sys.stderr)
+        code = 2
     except OSError as error:
         code = _unwritten(error)
     except KeyboardInterrupt:
@@ -151,18 +152,6 @@ def _open_closed_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
-
-
-def _not_imported(error: ImportError) -> int:
-    """Print which package is missing, or which file of a law is wrong; else raise `error`."""
-    package = (error.name or "").partition(".")[0]
-    if error.name == LAWS_MODULE:
-        print(f"formation: {error}", file=sys.stderr)
-    elif isinstance(error, ModuleNotFoundError) and package in EXTRAS:
-        print(f"formation: this {needs(package)}", file=sys.stderr)
-    else:
-        raise error
-    return 2
 
 
 def _unwritten(error: OSError) -> int:

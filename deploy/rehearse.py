@@ -16,6 +16,7 @@ import tomlkit
 
 from formation.agent.simulated.faults import Fault
 from formation.agent.simulated.flags import NEEDED
+from formation.control.laws import why_unusable
 from formation.deploy.arguments import add_dask, add_json, add_mission, number, parser, print_result, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
@@ -230,6 +231,8 @@ def _mission(options: argparse.Namespace) -> tuple[Mission, str]:
             mission = parse_mission(text, source)
     except MissionError as error:
         raise Refusal(str(error)) from None
+    if (why := why_unusable(options.law or mission.law.kind)) is not None:
+        raise Refusal(f"{options.mission}: {why}")
     return mission if options.law is None else mission.under(options.law), text
 
 

@@ -22,7 +22,7 @@ from formation.deploy.arguments import (
     number,
     parser,
     print_result,
-    read_mission,
+    read_driven,
     whole,
 )
 from formation.deploy.refusal import Refusal, refuse_os_errors
@@ -57,7 +57,7 @@ Exit code 0: it was simulated, whether the formation converged or not; 2: it was
 def main(arguments: Sequence[str]) -> int:
     """Simulate a mission; return the exit code."""
     options = _options().parse_args(arguments)
-    mission = read_mission(options.mission, options.law)
+    mission = read_driven(options.mission, options.law)
     if options.avoid:
         mission = _all_avoiding(mission)
     if options.plot is not None:

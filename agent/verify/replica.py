@@ -18,7 +18,7 @@ from formation.agent.persistence.trace import (
     checksum,
 )
 from formation.agent.status import Surroundings
-from formation.control.laws import LAWS
+from formation.control.laws import why_unusable
 from formation.mission.model import Mission
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.topics import CMD_VEL
@@ -206,8 +206,8 @@ class Replica:
         if about is None:
             raise BadTraceError("does not say what its agent was made with")
         law = self._law or about.law
-        if law not in LAWS:
-            raise BadTraceError(f"law {law!r}: must be one of {', '.join(LAWS)}")
+        if (why := why_unusable(law)) is not None:
+            raise BadTraceError(why)
         agent = Agent(_named(self._mission, about.mission), self._robot, law, readonly=about.readonly)
         self._receives = frozenset(agent.subscriptions)
         return agent

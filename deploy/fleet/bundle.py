@@ -33,7 +33,7 @@ from shlex import quote
 from typing import Any
 
 from formation.deploy import env
-from formation.deploy.arguments import add_json, add_mission, add_out, as_json, parser, read_mission
+from formation.deploy.arguments import add_json, add_mission, add_out, as_json, parser, read_driven
 from formation.deploy.fleet import access, authority, certificates, wheels
 from formation.deploy.fleet import units as systemd
 from formation.deploy.fleet.access import hosts
@@ -62,7 +62,7 @@ Or carry a robot's folder to it by hand, and there: sudo sh install.sh
 def main(arguments: Sequence[str]) -> int:
     """Make the bundles; return the exit code."""
     chosen = _options().parse_args(arguments)
-    mission = read_mission(chosen.mission)
+    mission = read_driven(chosen.mission)
     text, _ = read(chosen.mission)
     refuse_unfit(mission)
     target = Target(chosen.platform, chosen.python)

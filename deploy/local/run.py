@@ -22,7 +22,7 @@ from formation.deploy.arguments import (
     number,
     parser,
     print_result,
-    read_mission,
+    read_driven,
     text_stream,
 )
 from formation.deploy.local.launch import Child, Launcher
@@ -61,7 +61,7 @@ Exit code 0: the formation converged; 1: it did not, or a process failed; 2: not
 def main(arguments: Sequence[str]) -> int:
     """Run a mission; return the exit code."""
     options = _options().parse_args(arguments)
-    mission = read_mission(options.mission, options.law)
+    mission = read_driven(options.mission, options.law)
     # a process of a folder of bundles would take its certificate, which links on this machine do not have
     source = str(file_of(options.mission)) if Path(options.mission).is_dir() else options.mission
     wrong = unfit(options, mission)

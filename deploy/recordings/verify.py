@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
 from formation.agent.verify.replica import Comparison, PublishedCommand
-from formation.control.laws import LAWS
-from formation.deploy.arguments import add_json, number, parser, print_result, read_mission
+from formation.deploy.arguments import add_json, add_law, number, parser, print_result, read_mission
 from formation.deploy.refusal import refuse_errors, refuse_os_errors
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse
@@ -252,9 +251,7 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--mission", metavar="MISSION", help="go by this mission instead of the recorded one"
     )
-    options.add_argument(
-        "--law", choices=list(LAWS), help="the control law, instead of the one that was used"
-    )
+    add_law(options, "instead of the one that was used")
     options.add_argument(
         "--tolerance", type=number(0.0), default=COMMAND_TOLERANCE, metavar="X",
         help=f"how far off a command still counts as the same [m/s; rad/s] (default {COMMAND_TOLERANCE:g})",

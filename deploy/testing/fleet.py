@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
 
-from formation.control.laws import LAWS
+from formation.control.laws import why_unusable
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.monitor.metrics.settling import DWELL_TIME
@@ -69,8 +69,8 @@ class DrivenFleet(ABC):
 def mission_of(mission: str | Path, law: str | None = None) -> Mission:
     """Return the mission in a file, of a name, or in a text, under `law`. Raises MissionError, ValueError."""
     found = parse(str(mission)) if "\n" in str(mission) else load(mission)
-    if law is not None:
-        check_name(law, LAWS)
+    if (why := why_unusable(law or found.law.kind)) is not None:
+        raise ValueError(why)
     return found if law is None else found.under(law)
 
 

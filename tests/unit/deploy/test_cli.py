@@ -9,16 +9,18 @@ import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 
+from formation.agent.core import Agent
 from formation.agent.watchdog import __main__ as watchdog
-from formation.control.laws import by_name
+from formation.control import laws
 from formation.deploy import cli
 from formation.deploy.arguments import as_json, number, read_mission
 from formation.deploy.refusal import Refusal
-from formation.mission.file import shipped
+from formation.mission import model
+from formation.mission.file import read, shipped
 from formation.transport.runtime.command_line import EXTRAS, Parser
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
@@ -153,18 +155,22 @@ def test_missing_extra_prints_pip_install_line(
     assert f"pip install '.[{extra}]' in a clone" in capsys.readouterr().err
 
 
-def test_wrong_file_of_a_law_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
-    wrong = ModuleType("mine")
-    wrong.__dict__["__file__"] = "mine.py"
-    with pytest.raises(ImportError) as found:
-        by_name([wrong])
-    stand_in(monkeypatch, found.value)
-    assert cli.main(["monitor"]) == 2
-    why = "mine.py: must define CONTROLLER, a Controller of formation.control"
-    assert capsys.readouterr() == ("", f"formation: {why}\n")
-    stand_in(monkeypatch, ImportError("other", name="other"))
-    with pytest.raises(ImportError):
-        cli.main(["monitor"])
+def test_wrong_file_of_a_law_keeps_no_operator_from_stopping_robots(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys, tmp_path: Path
+) -> None:
+    why = "mine.py cannot be used: SyntaxError: invalid syntax (mine.py, line 3)"
+    for module in (laws, model):
+        monkeypatch.setattr(module, "UNUSABLE", {"mine": why})
+    mission = tmp_path / "mission.toml"
+    mission.write_text(read("patrol")[0].replace("[law]", '[law]\nkind = "mine"'), encoding="utf-8")
+    assert read_mission(str(mission)).law.kind == "mine"  # as `formation stop` reads it
+    for command in ("check", "simulate", "run", "rehearse"):
+        assert cli.main([command, str(mission)]) == 2
+        assert why in capsys.readouterr().err
+        assert cli.main([command, "patrol", "--law", "mine"]) == 2
+        assert why in capsys.readouterr().err
+    with pytest.raises(ValueError, match="cannot be used"):
+        Agent(read_mission(str(mission)), "robot1")
 
 
 def test_missing_formation_module_raises_module_not_found_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,16 +1,16 @@
 from __future__ import annotations
 
 import math
-import sys
-from types import ModuleType
-from typing import Any
+from pathlib import Path
+from zlib import crc32
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from formation.control import laws
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, nominal
-from formation.control.laws import LAWS, by_name
+from formation.control.laws import LAWS
 from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, stoppable_turn, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
@@ -32,20 +32,33 @@ STEPS = {name: one.step for name, one in LAWS.items()}
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({}, "mine.py: must define CONTROLLER"),
-        ({"CONTROLLER": field}, "mine.py: must define CONTROLLER"),
+        ("", "ImportError: must define CONTROLLER"),
+        ("CONTROLLER = print", "ImportError: must define CONTROLLER"),
         (
-            {"CONTROLLER": LAWS["field"]},
-            "mine.py: CONTROLLER: formation.control.laws.field has the name 'field' too",
+            "from formation.control.laws.field import CONTROLLER",
+            "ImportError: the name of its CONTROLLER is 'field', must be",
         ),
+        ("def step(:", "SyntaxError: invalid syntax"),
+        ("import nothing_of_that_name", "ModuleNotFoundError: No module named 'nothing_of_that_name'"),
     ],
-    ids=["none", "function", "name of another"],
+    ids=["none", "function", "name of another", "no Python", "missing module"],
 )
-def test_module_without_law_of_its_own_is_refused(content: dict[str, Any], message: str) -> None:
-    module = ModuleType("mine")
-    module.__dict__.update(content, __file__="mine.py")
-    with pytest.raises(ImportError, match=message):
-        by_name([sys.modules[field.__module__], module])
+def test_file_without_law_of_its_own_is_left_out(
+    content: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"wrong_law_{crc32(content.encode())}"
+    (tmp_path / f"{name}.py").write_text(content, encoding="utf-8")
+    monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
+    usable, unusable = laws.load([name, "paper"])
+    assert list(usable) == ["paper"]
+    assert unusable[name].startswith(f"{name}.py cannot be used: {message}")
+
+
+def test_unusable_law_raises_when_it_should_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(laws, "UNUSABLE", {"mine": "mine.py cannot be used: no step"})
+    with pytest.raises(ImportError, match="cannot be used: no step"):
+        laws.law_of("mine").step(0j, 1.0 + 0j, sums([]), Gains(1.0, 0.0), WIDE, 0.05)
+    assert laws.law_of("field") is LAWS["field"]
 
 
 def sums(edges: Edges, velocity: complex = 0j) -> Measured:
