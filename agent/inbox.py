@@ -9,6 +9,7 @@ refused, and nothing received before counts as fresh.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -76,8 +77,8 @@ class InboxState:
     """Their number, by key."""
     last_dropped: dict[str, str] = field(default_factory=dict)
     """Why the newest of them was not used, by key."""
-    own_refused: float = float("-inf")
-    """When the newest own position arrived that was not used [s, monotonic]."""
+    refused: dict[str, float] = field(default_factory=dict)
+    """When the newest of them arrived that the robot's own sensors sent [s, monotonic], by key."""
 
 
 class Inbox:
@@ -100,6 +101,7 @@ class Inbox:
         self.state = InboxState()
         self._spec, self._leader, self._fence = mission.robots[robot], mission.leader, fence
         self._own = (ODOM if self._spec.localisation == "odometry" else POSE).key(robot)
+        self._scan = SCAN.key(robot)
         self._handlers: dict[str, Handler] = {
             self._own: partial(self._take_own, here, avoiding.scanner, moved)
         }
@@ -108,7 +110,7 @@ class Inbox:
         for name, other in avoiding.others.items():
             self._handlers[POSITION.key(name)] = partial(_take_avoided, other, answers)
         if avoiding.scanner is not None:
-            self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner, perception)
+            self._handlers[self._scan] = partial(_take_scan, avoiding.scanner, perception)
         for part in (neighbours, here, orders):
             self._handlers |= part.handlers
         self.keys = tuple(self._handlers)
@@ -125,8 +127,8 @@ class Inbox:
                 taken = handle(sample, now)
             except BadMessage as bad:
                 self.drop(sample.key, bad)
-                if sample.key == self._own:
-                    self.state.own_refused = sample.arrived
+                if sample.key in {self._own, self._scan}:
+                    self.state.refused[sample.key] = sample.arrived
                 continue
             if sample.key == self._own:
                 moved = True
@@ -135,7 +137,15 @@ class Inbox:
 
     def own_refusal(self, since: float) -> str:
         """Why the newest own position was refused, if it came after `since` [s, monotonic]; else empty."""
-        return self.state.last_dropped.get(self._own, "") if self.state.own_refused > since else ""
+        return self._refusal(self._own, since)
+
+    def scan_refusal(self, since: float) -> str:
+        """Why the newest range scan was refused, if it came after `since` [s, monotonic]; else empty."""
+        return self._refusal(self._scan, since)
+
+    def _refusal(self, key: str, since: float) -> str:
+        came = self.state.refused.get(key, -math.inf)
+        return self.state.last_dropped.get(key, "") if came > since else ""
 
     def drop(self, key: str, bad: BadMessage) -> None:
         """Count a message that is not used, and store why."""

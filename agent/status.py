@@ -19,7 +19,8 @@ RIVAL_HOLD_TIME = 1.0
 """The robot holds for this long after another agent's sign of life [s], and for 3 periods at least."""
 
 REFUSED_TIME = 1.0
-"""How long after its arrival a refused position is named instead of a silence [s], and 3 periods at least."""
+"""How long after its arrival a refused position or scan is named instead of a silence [s], and 3 periods at
+least."""
 
 
 class Surroundings(NamedTuple):
@@ -85,6 +86,9 @@ def facts(agent: Agent, now: Now) -> Facts:
         other_missions=_other_missions(agent, now),
         scan_silence=0.0 if scanner is None else scanner.silence(now),
         scan_limit=math.inf if scanner is None else scanner.stream.limit,
+        scan_refused=""
+        if scanner is None
+        else agent.inbox.scan_refusal(now.mono - max(REFUSED_TIME, scanner.stream.limit)),
         scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
     )
 

@@ -72,6 +72,8 @@ class Facts(NamedTuple):
     """Of a scanner that the mission requires [s]; infinite before its first scan, 0 if none is required."""
     scan_limit: float = float("inf")
     """[s]"""
+    scan_refused: str = ""
+    """Why its newest scan was refused, if it was; an error's text."""
     scan_doubt: Reason | None = None
     """Why the newest scan of a scanner that the mission requires is not believed."""
     outside: Reason | None = None
@@ -194,6 +196,11 @@ def _refused(facts: Facts) -> Reason | None:
     return Reason.of(Code.POSITION_REFUSED, source=facts.source, detail=facts.refused)
 
 
+def _scan_refused(facts: Facts) -> Reason | None:
+    """That scans come, and are refused; None if they do not come."""
+    return Reason.of(Code.SCAN_REFUSED, detail=facts.scan_refused) if facts.scan_refused else None
+
+
 def _too_old(facts: Facts) -> Reason:
     code = Code.POSITION_WAS_LATE if facts.age <= facts.age_limit else Code.POSITION_LATE
     return Reason.of(code, source=facts.source, age=facts.age, limit=facts.age_limit)
@@ -256,11 +263,16 @@ TABLE: tuple[Row, ...] = (
         own=True,
     ),
     _doubted(lambda f: f.outside),
-    Row(lambda f: _never(f.scan_silence), AgentState.WAITING, _plain(Code.NO_SCAN), own=True),
+    Row(
+        lambda f: _never(f.scan_silence),
+        AgentState.WAITING,
+        lambda f: _scan_refused(f) or Reason(Code.NO_SCAN),
+        own=True,
+    ),
     Row(
         lambda f: f.scan_silence > f.scan_limit,
         AgentState.HOLD,
-        lambda f: Reason.of(Code.SCAN_SILENT, age=f.scan_silence, limit=f.scan_limit),
+        lambda f: _scan_refused(f) or Reason.of(Code.SCAN_SILENT, age=f.scan_silence, limit=f.scan_limit),
         own=True,
     ),
     _doubted(lambda f: f.scan_doubt),

@@ -73,6 +73,7 @@ class Code(StrEnum):
     # about its range scanner
     NO_SCAN = "no_scan"
     SCAN_SILENT = "scan_silent"
+    SCAN_REFUSED = "scan_refused"
     SCAN_LATE = "scan_late"
     SCAN_EARLY = "scan_early"
     SCAN_BLIND = "scan_blind"
@@ -177,6 +178,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_GAP: "no two {source} messages within {limit:.2f} s",
         Code.NO_SCAN: "no range scan yet",
         Code.SCAN_SILENT: "range scan silent for {age:.2f} s; limit {limit:.2f} s",
+        Code.SCAN_REFUSED: "range scan comes, and is refused: {detail}",
         Code.SCAN_LATE: "range scan stamped {age:.2f} s before it came, must be {limit:g} s at most",
         Code.SCAN_EARLY: "range scan stamped {age:.2f} s after it came, must be {limit:g} s at most",
         Code.SCAN_BLIND: "range scan has range_min {value:g} m: this robot needs at most {limit:.3g} m",

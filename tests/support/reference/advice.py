@@ -66,6 +66,7 @@ ADVICE: Mapping[Code, str] = {
     Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check that the position comes at `rate`.",
     Code.NO_SCAN: f"{WAIT} check the scanner's driver.",
     Code.SCAN_SILENT: "Check the scanner and its driver.",
+    Code.SCAN_REFUSED: "See to what it names: the stamp, or the clock of the scanner's computer (chrony).",
     Code.SCAN_LATE: f"{CLOCKS} Check the load of the scanner's driver.",
     Code.SCAN_EARLY: CLOCKS,
     Code.SCAN_BLIND: "Use a scanner that sees closer, or correct its driver: `range_min` is too large.",

@@ -78,8 +78,14 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ),
     ("gap in the own positions", [_with(follows=False)]),
     ("outside the mission's bounds", _because("outside", Code.OUTSIDE_BOUNDS)),
-    ("scanner required, no scan yet", [_with(scan_silence=NEVER)]),
-    ("scanner required and silent", [_with(scan_silence=1.0, scan_limit=0.6)]),
+    (
+        "scanner required, no scan yet",
+        [_with(scan_silence=NEVER), _with(scan_silence=NEVER, scan_refused="a")],
+    ),
+    (
+        "scanner required and silent",
+        [_with(scan_silence=1.0, scan_limit=0.6, scan_refused=why) for why in ("", "a")],
+    ),
     (
         "scanner required and its scan not credible",
         _because(

@@ -33,6 +33,7 @@ def reason(code: Code, **values: float) -> Reason:
 OUTSIDE = Reason.of(Code.OUTSIDE_BOUNDS, axis="x", value=31.2, limit=25.0)
 SEARCHING = Reason.of(Code.SIGHT_SEARCHING, robots=("robot2",), count=3, limit=5, unplaced=())
 LATE = Reason.of(Code.RELATIVE_LATE, robot="robot3", age=1.0, limit=0.18)
+SCAN_REFUSED = "range scan comes, and is refused: absurd stamp"
 OTHER_MISSION = (
     "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)"
 )
@@ -59,6 +60,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
     ({"motion": Disagreement(MotionFault.CARRIED, 0.0, 0.1, 0.8)}, "moved without command"),
     ({"motion": Disagreement(MotionFault.TURNED, 0.0, 0.5, 0.8)}, "turned without command"),
     ({"scan_silence": 0.7, "scan_limit": 0.6}, "range scan silent for 0.70 s"),
+    ({"scan_silence": 0.7, "scan_limit": 0.6, "scan_refused": "absurd stamp"}, SCAN_REFUSED),
     ({"scan_doubt": reason(Code.SCAN_BLIND, value=0.5, limit=0.15)}, "range scan has range_min 0.5 m"),
     ({"rival": True}, "another agent commands this robot"),
     ({"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}}, OTHER_MISSION),
@@ -84,6 +86,7 @@ WAIT: list[tuple[dict[str, Any], str]] = [
     ({"silence": NEVER, "refused": "absurd stamp"}, "odometry comes, and is refused: absurd stamp"),
     ({"frozen": 3.2}, "this process was frozen for 3.2 s"),
     ({"scan_silence": NEVER}, "no range scan yet"),
+    ({"scan_silence": NEVER, "scan_refused": "absurd stamp"}, SCAN_REFUSED),
     ({"order": None}, "no order from the leader yet"),
 ]
 STOP: list[tuple[dict[str, Any], str]] = [
@@ -101,7 +104,7 @@ SHARED = {Code.NO_ORDER, Code.STOPPED_BY_LEADER, Code.HELD_BY_LEADER}
 
 def test_robot_runs_without_any_doubt() -> None:
     assert decide(FINE) == Decision(AgentState.RUN, Reason(Code.RUNNING), own=False, probes=False)
-    assert decide(FINE._replace(refused="a repeated message")) == decide(FINE)
+    assert decide(FINE._replace(refused="a repeated message", scan_refused="too late")) == decide(FINE)
 
 
 @pytest.mark.parametrize(("doubt", "state", "words"), DOUBTS)

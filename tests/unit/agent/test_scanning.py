@@ -6,6 +6,7 @@ import math
 import random
 import struct
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -23,7 +24,7 @@ from formation.topics import SCAN
 from formation.wire import Now, Sample
 from tests.support.examples import slow
 from tests.support.fleet import Fleet
-from tests.support.meddling import lost, on
+from tests.support.meddling import altered, lost, on
 from tests.support.missions import team
 from tests.support.mutations import mutated
 from tests.unit.agent.scanned import distance_to_wall
@@ -127,6 +128,22 @@ def test_robot_waits_for_first_required_scan() -> None:
     fleet.run(3.0)
     assert (fleet.status("robot1").state, fleet.status("robot1").reason.code) == ("waiting", Code.NO_SCAN)
     assert set(fleet.commands_since("robot1", 0.0)) == {AT_REST}
+
+
+@pytest.mark.parametrize(("warm", "state"), [(0.0, "waiting"), (6.0, "hold")])
+def test_refused_scans_are_named_instead_of_a_silence(warm: float, state: str) -> None:
+    """The clock of the scanner's computer was never set, or its driver stamps every scan alike."""
+    fleet = Fleet(team(ALONE, scanner="required")).after(warm)
+    stamp = fleet.moment.wall - (0.0 if warm else 1e9)
+    fleet.meddle = altered(KEY, LaserScan, lambda one: replace(one, stamp=stamp))
+    fleet.run(2.5)
+    status = fleet.status("robot1")
+    assert (status.state, status.reason.code) == (state, Code.SCAN_REFUSED)
+    assert "stamp" in str(status.reason)
+    assert fleet.last_command("robot1") == AT_REST
+    fleet.meddle = lost(KEY)
+    fleet.run(2.0)
+    assert fleet.status("robot1").reason.code is (Code.SCAN_SILENT if warm else Code.NO_SCAN)
 
 
 def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
