@@ -9,8 +9,9 @@ The robot is *locked* once its neighbours have been where they say in `LOCK_SCAN
 It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
 the error may be `MAX_RECKONING_ERROR`; others do not use it meanwhile. If for `MAX_REFUSED_TIME` neighbours
 are not where they say, it is no longer locked; also if, in `MAX_DISAGREED_SCANS` scans or for
-`MAX_DISAGREED_TIME`, as many are not where they say as are. After `MAX_LOST_LOCKS` within
-`LOST_LOCKS_DISTANCE` it stands until an operator has looked.
+`MAX_DISAGREED_TIME`, as many are not where they say as are, or if scans move the pose by `MAX_CORRECTION` on
+`CORRECTED_DISTANCE` of path. After `MAX_LOST_LOCKS` within `LOST_LOCKS_DISTANCE` it stands until an operator
+has looked.
 """
 
 from __future__ import annotations
@@ -76,6 +77,12 @@ MAX_LOCKED_MISPLACEMENT = 0.1
 MAX_LOST_LOCKS, LOST_LOCKS_DISTANCE = 3, 5.0
 """Number of locks that scans contradicted within so much travel [m], after which the robot stands until an
 operator has looked: odometry's heading may be wrong for good."""
+CORRECTED_DISTANCE, MAX_CORRECTION = 1.0, 0.2
+"""Path [m] on which scans may move the pose of a locked robot by so much [m]. From start poses off by 10 cm
+and 5° they move it by 14 cm at most, later by 3 cm; more if the scanner is mounted otherwise than the mission
+says, if the scans are another robot's, or if they show something else for a neighbour."""
+CORRECTION_STEP = 0.01
+"""Path within which corrections are added up to one [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
 """By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
 MAX_WAIT = MAX_DELAY
@@ -93,6 +100,15 @@ class Waypoint(NamedTuple):
     """[m; frame that begins with the trail]"""
     heading: complex
     """Unit [the same frame]."""
+
+
+class Correction(NamedTuple):
+    """How scans moved the pose on a short path."""
+
+    travelled: float
+    """Path since the start, at the first of them [m]."""
+    moved: complex
+    """[m; fleet's frame]"""
 
 
 class Scanned(NamedTuple):
@@ -152,6 +168,9 @@ class PerceptionState:
     """Path since the start [m]."""
     lost_locks: list[float] = field(default_factory=list)
     """Where scans contradicted a lock [m travelled], within `LOST_LOCKS_DISTANCE`."""
+    corrections: deque[Correction] = field(default_factory=deque)
+    """How scans have moved the estimate since the robot was locked, on the newest `CORRECTED_DISTANCE` of
+    path, oldest first."""
     misplacement: float = 0.0
     """Difference of the pose from the estimate, towards which it moves slowly, at a usual landmark [m]."""
     refused_since: float = math.inf
@@ -343,7 +362,7 @@ class Perception:
 
     def _use(self, scanned: Scanned, others: list[Neighbour], now: Now) -> None:
         """Correct the estimate by a scan."""
-        state = self.state
+        state, before = self.state, self.state.estimate
         expected = {one.name: there for one in others if (there := self._expected(one, scanned, now))}
         found = associate(
             scanned.beams,
@@ -366,6 +385,25 @@ class Perception:
                 mate.missed = 0.0
         self._refuse_missing()
         self._judge(now.mono)
+        if before is not None and state.estimate is not None:
+            self._limit_correction(state.estimate.position - before.position)
+
+    def _limit_correction(self, moved: complex) -> None:
+        """End the lock of a robot if scans, the newest by `moved` [m], move it too far for its path."""
+        state = self.state
+        each = state.corrections
+        if not state.locked:
+            each.clear()
+            return
+        if each and state.travelled - each[-1].travelled < CORRECTION_STEP:
+            each[-1] = each[-1]._replace(moved=each[-1].moved + moved)
+        else:
+            each.append(Correction(state.travelled, moved))
+        while each[0].travelled < state.travelled - CORRECTED_DISTANCE:
+            each.popleft()
+        if abs(sum([one.moved for one in each])) > MAX_CORRECTION:
+            state.agreed = 0.0
+            self._lock(locked=False)
 
     def _refuse_missing(self) -> None:
         """Take neighbours for absent of which too many beams are missing."""

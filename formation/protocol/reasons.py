@@ -212,10 +212,10 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {limit:.3f} m; goes on when that is corrected",
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
         " clear the view, or put the robot back in its place, its start pose if it has not driven; check the"
-        " places of {robots:names} too",
+        " places of {robots:names} too, how the scanner is mounted, and that no other robot's scans come",
         Code.SIGHT_UNRELIABLE: "its range scans contradicted its position {count:.0f} times within"
-        " {distance:g} m; check odometry, wheels and how the scanner is mounted, then order hold and run;"
-        " check the places of {robots:names} too",
+        " {distance:g} m; check odometry, wheels, how the scanner is mounted, and that no other robot's scans"
+        " come, then order hold and run; check the places of {robots:names} too",
         Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"
         " be off by {distance:.3f} m, limit {most:.3f} m; no position to rely on from {unplaced:names}, see"
         " to them first; clear the view, and check that the scanner sends new scans",

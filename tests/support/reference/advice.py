@@ -87,9 +87,11 @@ ADVICE: Mapping[Code, str] = {
     " the robots. It goes on by itself when it is locked.",
     Code.SIGHT_PLACING: "Nothing; it goes on by itself. Was the robot on its start pose?",
     Code.SIGHT_CONTRADICTED: "Put the robot back in its place, its start pose if it has not driven; or"
-    " clear the view. It goes on by itself when it is locked.",
-    Code.SIGHT_UNRELIABLE: "Check that odometry's heading agrees with the way it drives, the wheels, and"
-    " `scan` of the mission; put it back in its place; then order `hold` and `run`.",
+    " clear the view; else correct `yaw_deg`, or which scanner's topic comes. It goes on by itself when it is"
+    " locked.",
+    Code.SIGHT_UNRELIABLE: "Check that odometry's heading agrees with the way it drives, the wheels,"
+    " `scan` of the mission, and which scanner's topic comes; put it back in its place; then order `hold` and"
+    " `run`.",
     Code.SIGHT_LOST: "Clear the view between the robots. It goes on when it sees one of them.",
     Code.MOTION_FROZEN: SENSORS,
     Code.MOTION_TURN: SENSORS,

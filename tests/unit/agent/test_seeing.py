@@ -18,7 +18,7 @@ from formation.ros2.messages import LaserScan, Odometry, decode, encode
 from formation.topics import ODOM, SCAN
 from formation.wire import Sample
 from tests.support.fleet import Fleet, Link
-from tests.support.meddling import altered
+from tests.support.meddling import Meddle, altered
 from tests.support.missions import with_keys
 from tests.support.seeing import (
     STRAIGHT,
@@ -270,6 +270,32 @@ def test_frozen_scan_shows_no_neighbour() -> None:
     assert fleet.status("robot7").sight is Sight.RECKONING
 
 
+def test_scans_that_move_pose_far_end_lock() -> None:
+    """Odometry's heading is 20° off its path: scans move the pose by 34 cm a metre."""
+    fleet, robot = driving_triangle(), "robot7"
+    turn, key = cmath.rect(1.0, math.radians(20.0)), ODOM.key(robot)
+    fleet.meddle = altered(key, Odometry, lambda one: replace(one, heading=one.heading * turn))
+    fleet.run(8.0)
+    assert fleet.agents[robot].perception.lost_locks  # type: ignore[union-attr]
+
+
+@pytest.mark.slow
+def test_robot_with_turned_scanner_waits_for_operator() -> None:
+    fleet, robot = driving_triangle(), "robot7"
+    fleet.meddle = scans_turned(robot, 15.0)
+    assert fleet.driven(robot, 40.0) < 3.5
+    assert holds(fleet, robot, Code.SIGHT_UNRELIABLE)
+    assert "how the scanner is mounted, and that no other robot's scans come" in fleet.message(robot)
+
+
+@pytest.mark.slow
+def test_robots_from_bad_starts_keep_their_locks() -> None:
+    errors = Errors(start=0.05, start_deg=3.0)
+    fleet = fleet_of(hexagon(errors=errors), errors, seed=1).after(30.0)
+    assert fleet.states == {AgentState.RUN}
+    assert not any(one.perception.lost_locks for one in fleet.agents.values() if one.perception)
+
+
 @pytest.mark.slow
 def test_posts_of_tower_size_do_not_mislead_pose() -> None:
     posts = "\n".join(
@@ -287,6 +313,12 @@ def test_robot_with_late_odometry_and_fast_scanner_locks() -> None:
     fleet.run(8.0)
     assert fleet.status("robot7").sight is Sight.LOCKED
     assert believed_error(fleet) < 0.03
+
+
+def scans_turned(robot: str, degrees: float) -> Meddle:
+    """The scanner of a robot is mounted at another angle than its mission says."""
+    turn = math.radians(degrees)
+    return altered(SCAN.key(robot), LaserScan, lambda one: replace(one, angle_min=one.angle_min + turn))
 
 
 def repeat_newest_scan(fleet: Fleet, robot: str) -> None:
