@@ -133,7 +133,9 @@ def test_install_keeps_three_releases_and_any_that_runs(make_bundle: MakeBundle,
 
 def test_broken_or_interrupted_install_is_not_used(make_bundle: MakeBundle, tmp_path: Path) -> None:
     """Later the interrupted one is repeated."""
-    prefix, one, two = tmp_path / "prefix", make_bundle("one"), make_bundle("two")
+    prefix, one, may_end = tmp_path / "prefix", make_bundle("one"), tmp_path / "may end"
+    waits = f"import os, time\nwhile not os.path.exists({str(may_end)!r}): time.sleep(0.05)\n"
+    two = make_bundle("two", zenoh=waits)  # so that its installation does not end before it is interrupted
     assert install(one, prefix, "--no-systemd").returncode == 0
     broken = make_bundle("broken", zenoh="raise ImportError('GLIBC_2.99 not found')")
     done = install(broken, prefix, "--no-systemd")
@@ -156,6 +158,7 @@ def test_broken_or_interrupted_install_is_not_used(make_bundle: MakeBundle, tmp_
     assert not (half / "VERSION.json").exists()
     assert current(prefix) == release(one)
     (half / "left over").touch()
+    may_end.touch()
     assert install(two, prefix, "--no-systemd").returncode == 0
     assert current(prefix) == release(two)
     assert not (half / "left over").exists()

@@ -337,15 +337,20 @@ def test_full_disk_is_reported(
 
 
 class Stopping(ProgressLines):
-    """Breaks the connection off at the first event `when`, like an unplugged cable."""
+    """Breaks the connection off while files are sent or at an installation's line, like an unplugged cable.
+
+    Not before 4 MB are sent: ssh and pipes hold 2 MB, so by then the robot's side reads, and has its lock.
+    """
 
     def __init__(self, ssh: Ssh, when: str) -> None:
         super().__init__()
-        self._ssh, self._when = ssh, when
+        self._ssh, self._when, self._bytes = ssh, when, 0
         self.happened = threading.Event()
 
     def sent(self, robot: str, count: int) -> None:  # noqa: ARG002 - as `ProgressLines`
-        self._maybe("sent")
+        self._bytes += count
+        if self._bytes > 4_000_000:
+            self._maybe("sent")
 
     def line(self, robot: str, text: str) -> None:  # noqa: ARG002 - as `ProgressLines`
         self._maybe("line")
