@@ -15,6 +15,7 @@ import pytest
 from formation.deploy.local.launch import COASTING_TIME, STOP_ORDER, Child, Event, Launcher
 from formation.deploy.local.plan import Part, Program
 from tests.processes.deploy.stubs import DEAF, GOOD, READY, is_gone, program
+from tests.support.child import PATIENCE
 
 
 @pytest.fixture
@@ -162,7 +163,8 @@ def test_second_signal_kills_child_that_ignores_stop(
     assert time.monotonic() - begin < 2.0
 
 
-def test_signal_repeated_at_once_counts_once(launcher: Launcher) -> None:
+def test_signal_repeated_at_once_counts_once(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.deploy.local.launch.SIGNAL_REPEAT_TIME", PATIENCE)
     child = launcher.start(program("until_told(); time.sleep(0.3); sys.exit(0)"))
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), signal.SIGINT)

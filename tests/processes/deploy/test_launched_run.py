@@ -215,10 +215,13 @@ def test_killed_last_leader_is_a_failure(runner: Runner) -> None:
     assert "leader was killed (SIGKILL) during the run\n" in done.err
 
 
-def test_run_with_killed_monitor_reports_no_measurements(runner: Runner) -> None:
+def test_run_with_killed_monitor_reports_no_measurements(
+    runner: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a line each time, so that one follows the death, whenever that is
+    monkeypatch.setattr("formation.deploy.terminal.views.LINE_PERIOD", 0.0)
     dies = program(KILLED.format(runner.once_begun), "monitor", "watch")
-    # a progress line is printed every 2 s
-    done = runner(dies, *good_programs()[1:], duration=3.0, until_dead=["monitor"])
+    done = runner(dies, *good_programs()[1:], until_dead=["monitor"])
     assert done.code == 1
     result = done.result
     assert (result["converged"], result["formation_error"], result["lost"]) == (False, None, None)

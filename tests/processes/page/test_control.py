@@ -102,9 +102,14 @@ def pages() -> Iterator[ThreadPoolExecutor]:
 def start_order(
     pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
 ) -> Future[dict[str, Any]]:
-    before = len(team.received)
+    """Give an order in another thread, and wait until it is being sent, whatever else is sent meanwhile.
+
+    A release and a run begin with a query.
+    """
+    first = "query" if do in {"release", "run"} else do
+    before = team.sent.count(first)
     given = pages.submit(operator.order, do, **how)
-    team.wait_for(lambda: len(team.received) > before)
+    team.wait_for(lambda: team.sent.count(first) > before)
     return given
 
 

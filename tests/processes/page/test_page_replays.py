@@ -85,6 +85,7 @@ def test_frames_before_seek_do_not_move_slider(browser: Browser) -> None:
     with served(scene, steer=lambda _do, _to: {"seeks": 1}) as one, watched(browser, one.address) as page:
         one.feed()
         until(page, "formation.model.frames > 0")
+        drawn(page)  # the first picture sets the slider
         page.locator("#replay-at").fill("20")
         for _ in range(3):
             seen = page.evaluate("formation.model.frames")
