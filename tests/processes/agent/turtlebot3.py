@@ -162,11 +162,20 @@ class TurtleBot3:
             self._advance()
             return self._plant.moving
 
-    def reset_odometry(self) -> None:
-        """Start odometry at zero from the current pose, as the ROS service of that name does."""
+    @property
+    def has_listener(self) -> bool:
+        """Whether a process subscribes to its odometry; if none does, all that they sent has arrived."""
+        return bool(self._odometry.matching_status.matching)  # type: ignore[attr-defined]
+
+    def reset_odometry(self) -> int:
+        """Start odometry at zero from the current pose, as the ROS service of that name does.
+
+        Returns the number of commands taken before.
+        """
         with self._lock:
             self._advance()
             self._origin = (self._plant.position, self._plant.heading)
+            return len(self.taken)
 
     def lose_route(self) -> None:
         """Drop the route of cmd_vel, as a bridge does after a node of that name crashed and restarted."""

@@ -18,7 +18,7 @@ from formation.deploy.fleet import access, certificates
 from formation.mission.file import load, read
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.turtlebot3 import TurtleBot3, Wire
-from tests.support.child import PATIENCE, Child, free_endpoint, started
+from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 
@@ -161,7 +161,7 @@ def _check_killed_agent(fleet: Team, children: tuple[Child, Child]) -> None:
     for child in children:
         child.process.kill()
         child.wait()
-    time.sleep(0.2)  # until commands on their way have arrived
+    until(lambda: not fleet.robots["robot1"].has_listener)  # commands on their way have arrived
     before = len(fleet.robots["robot1"].taken)
     there = fleet.doctor("--robot", "robot1")
     assert len(fleet.robots["robot1"].taken) == before

@@ -20,6 +20,7 @@ from mcap.reader import make_reader
 
 from formation.mission.file import load, read
 from formation.mission.model import Mission
+from formation.monitor.recording import reader
 from formation.monitor.recording.channels import SUFFIX
 from formation.ros2.messages import Diagnostics, Odometry, Pose, TwistStamped, decode
 from formation.topics import (
@@ -33,6 +34,7 @@ from formation.topics import (
     STATUS,
     command_topic,
 )
+from tests.support.child import until
 from tests.support.launched import (
     Output,
     assert_commands_reproduced,
@@ -70,6 +72,13 @@ def payloads_of(recording: Path) -> dict[str, list[bytes]]:
     return found
 
 
+def driven(recording: Path, robot: str) -> float:
+    """How far a robot has come from its start, by what has been recorded so far [m]."""
+    messages = (one.sample for one in reader.read(recording).messages())
+    truths = [decode(Pose, one.payload) for one in messages if one.key == GROUND_TRUTH.key(robot)]
+    return abs(truths[-1].position - truths[0].position) if truths else 0.0
+
+
 def at_rest(poses: Sequence[Pose]) -> bool:
     """Whether a robot stands still from the first to the last of its poses."""
     return all(
@@ -105,9 +114,8 @@ def test_shipped_mission_converges_with_complete_recording(tmp_path: Path) -> No
     assert processes["robots"]["robot"]["published"] == 2 * truths  # ground truth, and as much odometry
     assert result["recorded"] == to_the_fleet + truths
     with recording.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
         types, counts = {}, Counter[str]()
-        for schema, channel, _ in reader.iter_messages():
+        for schema, channel, _ in make_reader(file, validate_crcs=True).iter_messages():
             assert schema is not None
             if channel.topic.endswith(SUFFIX):  # attachments; their messages are counted
                 continue
@@ -170,7 +178,8 @@ def test_watchdog_stops_robot_of_killed_agent_in_run(tmp_path: Path) -> None:
     flags = ("--watchdogs", "--duration", "300", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         reported = Output(process)
-        children = reported.wait(1.0)  # no robot has reached its slot yet
+        children = reported.wait(1.0)
+        until(lambda: driven(tmp_path / "run.mcap", "robot2") > 0.05)
         victim = next(one for one in children if {"formation.agent", "robot2"} <= set(one.cmdline()))
         victim.kill()
         reported.wait_more(4.0)
