@@ -35,6 +35,8 @@ class Actor:
     def __init__(self, bus: Bus, stage: Bus) -> None:
         self.bus, self.stage = bus, stage
         self.fleet, self.sent = Fleet(epoch=time.time()), list[Sample]()
+        self.held_up = 0.0
+        """Longest time by which it was late with a message [s]."""
         for one in KEYS:
             self.bus_of(one.key).advertise(one.topic, one.key, waits=True)
 
@@ -74,6 +76,7 @@ class Actor:
         for tick in range(round(seconds / period)):
             for robot in self.fleet.mission.names:
                 late = time.time() - epoch - start - (tick + self.fleet.phase(robot)) * period
+                self.held_up = max(self.held_up, late)
                 if late > period:
                     start, late = start + late, 0.0
                 at = start + (tick + self.fleet.phase(robot)) * period

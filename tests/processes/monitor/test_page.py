@@ -62,14 +62,24 @@ def requested(page: str, path: str) -> httpx.Response:
     return httpx.get(page + path, timeout=PATIENCE, verify=PLAIN)
 
 
+def requested_with_frame(page: str, path: str) -> httpx.Response:
+    """Return an answer that needs a new frame, asked for again while there was none for a second."""
+    answers: list[httpx.Response] = []
+
+    def given() -> bool:
+        answers.append(requested(page, path))
+        return answers[-1].status_code != 503
+
+    until(given)
+    return answers[-1]
+
+
 def metrics_with_known_error(page: str) -> dict[str, Metric]:
     """Return the metrics for Prometheus once the error is known: not while a position is late."""
     families: dict[str, Metric] = {}
 
     def known() -> bool:
-        answer = requested(page, "metrics")
-        if answer.status_code == 503:  # there was no frame for a second
-            return False
+        answer = requested_with_frame(page, "metrics")
         families.update({one.name: one for one in text_string_to_metric_families(answer.text)})
         return bool(families["formation_error_meters"].samples)
 
@@ -105,7 +115,8 @@ def test_page_serves_frames_metrics_snapshot_and_health(tmp_path: Path) -> None:
         families = metrics_with_known_error(page)
         assert families["formation_error_meters"].samples[0].value < 0.001
         assert len(families["formation_robot_state"].samples) == 6
-        assert requested(page, "api/snapshot").json()["robots"]["robot2"]["state"] == "run"
+        snapshot = requested_with_frame(page, "api/snapshot").json()
+        assert snapshot["robots"]["robot2"]["state"] == "run"
         assert requested(page, "healthz").text == "ok\n"
         assert child.signal(signal.SIGTERM) < PATIENCE
     assert child.wait() == 0
