@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 
 import pytest
 
@@ -13,15 +14,25 @@ from formation.deploy.local.ports import Ports
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.transport import wiring
+from tests.support.child import free_endpoint
 
 
 @pytest.fixture
 def mission(monkeypatch: pytest.MonkeyPatch) -> Mission:
-    """A pair on ports that no other test uses."""
-    monkeypatch.setattr(wiring, "ROBOT_PORT", 17560)
+    """A pair on ports that no process uses, of this run of the tests or of another."""
     pair = load("turtlebot3_pair")
-    ends = {name: f"tcp/127.0.0.1:{17460 + number}" for number, name in enumerate(pair.names)}
-    return with_endpoints(pair, "endpoint", ends)
+    monkeypatch.setattr(wiring, "ROBOT_PORT", free_ports(len(pair.names)))
+    return with_endpoints(pair, "endpoint", {name: free_endpoint() for name in pair.names})
+
+
+def free_ports(number: int) -> int:
+    """Return the first of so many free ports in a row."""
+    while True:
+        first = port(free_endpoint())
+        with suppress(OSError), ExitStack() as stack:
+            for one in range(first, first + number):
+                stack.enter_context(socket.socket()).bind(("127.0.0.1", one))
+            return first
 
 
 def with_endpoints(mission: Mission, key: str, ends: Mapping[str, str]) -> Mission:
