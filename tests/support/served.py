@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
@@ -49,9 +49,9 @@ def browsing() -> Iterator[Browser]:
 
 @contextmanager
 def watched(
-    browser: Browser, address: str, *, tolerated: str = "", before: str = "", **context: Any
+    browser: Browser, address: str, *, tolerated: str | Sequence[str] = "", before: str = "", **context: Any
 ) -> Iterator[Page]:
-    """`address` in a window of its own, in which nothing may go wrong but what is `tolerated`.
+    """`address` in a window of its own, in which nothing may go wrong but texts that are `tolerated`.
 
     `before` is run there before anything of the page is.
     """
@@ -74,7 +74,9 @@ def watched(
         yield page
     finally:
         own.close()
-    assert not [text for text in wrong if not tolerated or tolerated not in text]
+    tolerable = (tolerated,) if isinstance(tolerated, str) else tolerated
+    intolerable = [text for text in wrong if not any(one and one in text for one in tolerable)]
+    assert not intolerable, intolerable
 
 
 def drawn(page: Page) -> None:
