@@ -196,10 +196,11 @@ if ! whole "$home"; then
 
     "$home/venv/bin/python" -I -c '
 import sys, numpy, pydantic, zenoh
+from formation.control.laws import why_unusable
 from formation.mission.file import load
 mission = load(sys.argv[1])
 known = [*mission.robots, *mission.standbys]
-sys.exit(None if sys.argv[2] in known else "the mission has no robot %s" % sys.argv[2])
+sys.exit(why_unusable(mission.law.kind) if sys.argv[2] in known else "the mission has no robot %s" % sys.argv[2])
 ' "$home/mission.toml" "$robot" || failed "what was installed does not run here; $prefix/current is what it was"
 
     cp "$bundle/VERSION.json" "$home/.VERSION.json"

@@ -16,12 +16,14 @@ MODULES = {
     "pydantic.py": "",
     "zenoh.py": "",
     "formation/__init__.py": "",
+    "formation/control/laws.py": "def why_unusable(name): return None\n",
     "formation/mission/file.py": """
 import tomllib, types
 
 def load(path):
     with open(path, "rb") as file:
-        return types.SimpleNamespace(robots=tomllib.load(file)["robots"], standbys={})
+        robots = tomllib.load(file)["robots"]
+    return types.SimpleNamespace(robots=robots, standbys={}, law=types.SimpleNamespace(kind="field"))
 """,
 }
 MakeBundle = Callable[..., Path]

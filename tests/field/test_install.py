@@ -143,6 +143,11 @@ def test_broken_or_interrupted_install_is_not_used(make_bundle: MakeBundle, tmp_
     assert "GLIBC_2.99 not found" in done.stderr
     assert "does not run here" in done.stderr
     assert current(prefix) == release(one)
+    why = "from formation.control import laws\nlaws.why_unusable = '{}.py cannot be used: no scipy'.format"
+    done = install(make_bundle("lawless", zenoh=why), prefix, "--no-systemd")
+    assert done.returncode == 1
+    assert "field.py cannot be used: no scipy" in done.stderr
+    assert current(prefix) == release(one)
 
     half = prefix / "releases" / release(two)
     with subprocess.Popen(
