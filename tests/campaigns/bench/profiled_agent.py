@@ -21,7 +21,7 @@ from formation.agent.pose.estimator import Localisation
 from formation.agent.process import Sides
 from formation.agent.safety import commander, failsafe
 from formation.control import pipeline
-from formation.control.laws import LAWS
+from formation.control.controller import Controller
 from formation.protocol import json_message
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus
@@ -90,9 +90,13 @@ def install(profile: Profile) -> None:
     profile.replace(Avoiding, "obstacles", "collision filter")
     profile.replace(pipeline, "avoid", "collision filter")
     profile.replace(pipeline, "brake", "collision filter")
-    vars(core)["LAWS"] = {
-        name: one._replace(step=profile.timed(one.step, "law")) for name, one in LAWS.items()
-    }
+    law_of = core.law_of
+
+    def timed_law_of(name: str) -> Controller:
+        law = law_of(name)
+        return law._replace(step=profile.timed(law.step, "law"))
+
+    setattr(core, law_of.__name__, timed_law_of)
     setattr(Sides, Sides.step.__name__, profile.step(Sides.step))
     publish = Bus.publish
 
