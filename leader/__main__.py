@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from formation.control.laws import why_unusable
 from formation.leader.core import Leader
 from formation.leader.process import TermFile, lead
 from formation.mission.file import configuration_of, load
@@ -57,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
+    if (why := why_unusable(mission.law.kind)) is not None:
+        raise BadInput(f"{args.mission}: {why}")
     name = _candidate(mission, args.standby)
     part = "leader" if name == mission.leader else name
     args.config = args.config or configuration_of(args.mission, part)

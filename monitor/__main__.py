@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, UNUSABLE
 from formation.mission.file import configuration_of, parse, read
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor
@@ -241,7 +241,7 @@ def _flags() -> argparse.ArgumentParser:
     file.add_argument("--no-record", action="store_true", help="only measure")
     flags.add_argument(
         "--law",
-        choices=list(LAWS),
+        choices=[*LAWS, *UNUSABLE],
         help="the law that agents use, if it is not the mission's; it is recorded",
     )
     flags.add_argument(

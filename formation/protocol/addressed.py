@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, UNUSABLE
 from formation.mission.model import Mission
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply, OperatorRequest, shortened
@@ -18,7 +18,7 @@ from formation.protocol.stops import RESTS
 
 def tags_of(mission: Mission) -> frozenset[str]:
     """Return the tags by which a mission is known: by its file's law, or by the one that a run was given."""
-    return frozenset(mission.under(kind).tag for kind in LAWS)
+    return frozenset(mission.under(kind).tag for kind in (*LAWS, *UNUSABLE))
 
 
 class Addressee:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.controller import Controller
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, why_unusable
 from formation.mission.model import Mission
 from formation.simulation.ensemble import Ensemble, Options, own_starts, positions, random_starts
 
@@ -180,8 +180,8 @@ def simulate(
 def _check(runs: int, law: str | Controller, horizon: float, step: float, spread: float) -> None:
     if runs < 1:
         raise ValueError(f"runs = {runs}: must be at least 1")
-    if isinstance(law, str) and law not in LAWS:
-        raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
+    if isinstance(law, str) and (why := why_unusable(law)) is not None:
+        raise ValueError(why)
     if not 0.0 < step <= 0.2:
         raise ValueError(f"step = {step}: must be above 0 and at most 0.2 s")
     if not step <= horizon < math.inf:

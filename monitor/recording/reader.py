@@ -14,7 +14,7 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Statistics
 
-from formation.control.laws import LAWS
+from formation.control.laws import LAWS, UNUSABLE
 from formation.mission.file import MissionError, parse
 from formation.mission.model import Mission
 from formation.monitor.metrics.event import clock_step, from_message
@@ -142,7 +142,7 @@ def read(path: Path) -> Recording:
     except MissionError as error:
         raise UnreadableError(str(error)) from None
     kind = about.get("law", mission.law.kind)
-    if kind not in LAWS:
+    if kind not in LAWS and kind not in UNUSABLE:  # to show a recording takes no law
         raise UnreadableError(f"{path}: its law is {kind[:40]!r}; must be one of {', '.join(LAWS)}")
     return Recording(path, about, mission.under(kind), _parts(path, about))
 

@@ -39,8 +39,9 @@ def load(names: Iterable[str]) -> tuple[Mapping[str, Controller], Mapping[str, s
     for name in sorted(names):
         try:
             laws[name] = controller(import_module(f"{__name__}.{name}"), name)
-        except Exception as error:  # noqa: BLE001 - whatever a user's file raises
-            unusable[name] = f"{name}.py cannot be used: {type(error).__name__}: {error}"
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever a user's file raises
+            cause = f"{type(error).__name__}: {error}".partition("\n")[0]
+            unusable[name] = f"{name}.py cannot be used: {cause}"
     return MappingProxyType(laws), MappingProxyType(unusable)
 
 

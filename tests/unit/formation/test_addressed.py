@@ -11,7 +11,7 @@ from formation.control.laws import LAWS
 from formation.leader.core import Leader
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol import json_message
+from formation.protocol import addressed, json_message
 from formation.protocol.addressed import tags_of
 from formation.protocol.outcome import Answer, Outcome, Recipients
 from formation.protocol.request import Do, OperatorReply, OperatorRequest
@@ -73,6 +73,11 @@ def test_mission_is_the_same_under_each_law(process: Agent | Leader, kind: str, 
     assert "other-mission" not in {own.code, stated.code}
     assert SIX.under(kind).tag in tags_of(SIX)
     assert CONVOY.tag not in tags_of(SIX)
+
+
+def test_mission_of_an_unusable_law_is_known_by_its_tag(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(addressed, "UNUSABLE", {"mine": "mine.py cannot be used: SyntaxError"})
+    assert SIX.under("mine").tag in tags_of(SIX.under("mine"))
 
 
 def test_order_states_the_mission_that_it_was_checked_against() -> None:

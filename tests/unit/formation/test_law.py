@@ -40,8 +40,10 @@ STEPS = {name: one.step for name, one in LAWS.items()}
         ),
         ("def step(:", "SyntaxError: invalid syntax"),
         ("import nothing_of_that_name", "ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("raise ValueError('one\\ntwo')", "ValueError: one"),
+        ("raise SystemExit(3)", "SystemExit: 3"),
     ],
-    ids=["none", "function", "name of another", "no Python", "missing module"],
+    ids=["none", "function", "name of another", "no Python", "missing module", "two lines", "exit"],
 )
 def test_file_without_law_of_its_own_is_left_out(
     content: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -52,6 +54,7 @@ def test_file_without_law_of_its_own_is_left_out(
     usable, unusable = laws.load([name, "paper"])
     assert list(usable) == ["paper"]
     assert unusable[name].startswith(f"{name}.py cannot be used: {message}")
+    assert "\n" not in unusable[name]
 
 
 def test_unusable_law_raises_when_it_should_drive(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from formation.control import laws
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.control.laws.field import field
@@ -216,6 +217,12 @@ def test_error_stays_below_bound_after_settling_time() -> None:
 def test_error_names_illegal_argument_and_legal_values(wrong: dict[str, Any], output: str) -> None:
     with pytest.raises(ValueError, match=output):
         simulate(SIX, **wrong)
+
+
+def test_error_says_why_a_law_cannot_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(laws, "UNUSABLE", {"mine": "mine.py cannot be used: SyntaxError"})
+    with pytest.raises(ValueError, match=r"mine\.py cannot be used"):
+        simulate(SIX.under("mine"))
 
 
 @pytest.mark.parametrize(

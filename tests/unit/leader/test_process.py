@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import logging
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
-from formation.leader.__main__ import _candidate
+from formation.control import laws
+from formation.leader.__main__ import _candidate, _run
 from formation.leader.core import Leader
 from formation.leader.process import TermFile, lead
-from formation.mission.file import load, parse
+from formation.mission import model
+from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.protocol import json_message
 from formation.protocol.request import OperatorReply
@@ -50,6 +53,15 @@ class FakeProcess:
 
 def run_leader(leader: Leader, run: Callable[[Any, FakeProcess], None]) -> None:
     list(lead(leader, cast("Process", FakeProcess(run))))
+
+
+def test_leader_refuses_law_that_cannot_be_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for module in (laws, model):
+        monkeypatch.setattr(module, "UNUSABLE", {"mine": "mine.py cannot be used: SyntaxError"})
+    mission = tmp_path / "mission.toml"
+    mission.write_text(read("six_robots")[0].replace("[law]", '[law]\nkind = "mine"'), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"mission.toml: mine.py cannot be used"):
+        _run(Namespace(mission=str(mission), standby="nobody"), cast("Any", None))
 
 
 def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.MonkeyPatch) -> None:

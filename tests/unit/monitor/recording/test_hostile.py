@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Header, Metadata, Statistics
 
 from formation.mission.file import read as mission_text
+from formation.monitor.recording import reader
 from formation.monitor.recording.part import encoded
 from formation.monitor.recording.reader import Extent, UnreadableError, condition_of, read
 from formation.monitor.recording.recover import recover
@@ -148,6 +149,13 @@ def test_unusable_metadata_is_refused(tmp_path: Path, about: dict[str, str], why
         read(file)
     assert why in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_recording_of_an_unusable_law_can_be_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader, "UNUSABLE", {"mine": "mine.py cannot be used: SyntaxError"})
+    file = tmp_path / "mine.mcap"
+    file.write_bytes(top(law="mine"))
+    assert read(file).mission.law.kind == "mine"
 
 
 def test_part_with_huge_number_is_readable(tmp_path: Path) -> None:
