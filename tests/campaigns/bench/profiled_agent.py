@@ -22,6 +22,7 @@ from formation.agent.process import Sides
 from formation.agent.safety import commander, failsafe
 from formation.control import pipeline
 from formation.control.controller import Controller
+from formation.control.laws import law_of
 from formation.protocol import json_message
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus
@@ -90,7 +91,6 @@ def install(profile: Profile) -> None:
     profile.replace(Avoiding, "obstacles", "collision filter")
     profile.replace(pipeline, "avoid", "collision filter")
     profile.replace(pipeline, "brake", "collision filter")
-    law_of = core.law_of
 
     def timed_law_of(name: str) -> Controller:
         law = law_of(name)
