@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formation.agent import core
 from formation.agent.core import Agent
+from formation.control import laws
 from formation.control.laws import LAWS
 from formation.control.unicycle import Command, advance
 from formation.mission.file import load
@@ -74,7 +74,7 @@ def test_robot_holds_as_long_as_law_is_not_finite(monkeypatch: pytest.MonkeyPatc
     def step(*values: Any) -> tuple[Command, complex]:
         return (Command(math.nan, 0.0), 0j) if broken[0] else good.step(*values)
 
-    monkeypatch.setattr(core, "LAWS", {**LAWS, "field": good._replace(step=step)})
+    monkeypatch.setattr(laws, "LAWS", {**LAWS, "field": good._replace(step=step)})
     agent = under_way()
     assert agent.decision.state is AgentState.RUN
     broken[0] = True

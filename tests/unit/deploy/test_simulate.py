@@ -172,7 +172,7 @@ def test_delay_loss_noise_and_quantised_flags_reach_simulation(monkeypatch: pyte
         (["--plot", "figure.bmp"], "must end in .png, .svg or .pdf"),
         (["--plot", f"{__file__}/folder/figure.png"], "test_simulate.py is a file, and no folder"),
         (["--plot", f"{'long' * 75}.png"], "long.png: File name too long"),
-        (["--law", "best"], "choose from"),
+        (["--law", "best"], "--law: law 'best': must be one of field, paper, proportional;"),
         (["--dask", "desk"], "--dask: 'desk': must be HOST:PORT, such as tcp://192.168.1.5:8786"),
     ],
 )
