@@ -250,6 +250,8 @@ def _elsewhere(detail: ErrorDetails, whole: type[BaseModel]) -> str:
         return ""
     if isinstance(detail["input"], dict):
         return f": a table of its own, [{key}]"
+    if isinstance(detail["input"], list) and detail["input"] and isinstance(detail["input"][0], dict):
+        return f": tables of their own, [[{key}]]"
     return f": {key} belongs to the whole mission, above the first table of the file"
 
 

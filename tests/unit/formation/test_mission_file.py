@@ -74,6 +74,7 @@ def test_default_mission_is_section_4_of_the_paper() -> None:
             "bounds = {x = [0, 1]}",
             ["unknown key law.bounds: a table of its own, [bounds]; legal"],
         ),
+        ("[[route]] ", "[[law.route]] ", ["unknown key law.route: tables of their own, [[route]]; legal"]),
         ("[law] ", "[law]\nkind = 'fild'", ["law.kind = 'fild'", "'field', 'paper' or 'proportional'"]),
         ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000000"]),
         ("max_turn_rate = 1.5", "max_turn_rate = 1e4", ["max_turn_rate = 10000.0", "or equal to 1000"]),
