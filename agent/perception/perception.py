@@ -78,9 +78,9 @@ MAX_LOST_LOCKS, LOST_LOCKS_DISTANCE = 3, 5.0
 """Number of locks that scans contradicted within so much travel [m], after which the robot stands until an
 operator has looked: odometry's heading may be wrong for good."""
 CORRECTED_DISTANCE, MAX_CORRECTION = 1.0, 0.2
-"""Path [m] on which scans may move the pose of a locked robot by so much [m]. From start poses off by 10 cm
-and 5° they move it by 14 cm at most, later by 3 cm; more if the scanner is mounted otherwise than the mission
-says, if the scans are another robot's, or if they show something else for a neighbour."""
+"""Path [m] on which scans may move the pose of a locked robot by so much [m]. They move it further if the
+scanner is mounted otherwise than the mission says, if the scans are another robot's, or if they show
+something else for a neighbour."""
 CORRECTION_STEP = 0.01
 """Path within which corrections are added up to one [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)

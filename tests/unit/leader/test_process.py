@@ -61,7 +61,7 @@ def test_leader_refuses_law_that_cannot_be_used(monkeypatch: pytest.MonkeyPatch,
     mission = tmp_path / "mission.toml"
     mission.write_text(read("six_robots")[0].replace("[law]", '[law]\nkind = "mine"'), encoding="utf-8")
     with pytest.raises(BadInput, match=r"mission.toml: mine.py cannot be used"):
-        _run(Namespace(mission=str(mission), standby="nobody"), cast("Any", None))
+        _run(Namespace(mission=str(mission), standby=None), cast("Any", None))
 
 
 def test_thawed_leader_checks_leadership_before_answering(monkeypatch: pytest.MonkeyPatch) -> None:
